@@ -1,0 +1,61 @@
+//! Durations of repeated work, as percentiles in bounded memory.
+
+use std::time::{Duration, Instant};
+
+use hdrhistogram::Histogram;
+use serde::Serialize;
+
+/// Durations of repeated work, milliseconds.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Timing {
+    /// From percept to action.
+    pub act_p50: f64,
+    /// From percept to action.
+    pub act_p99: f64,
+    /// To perceive a frame, learning included.
+    pub frame_p50: f64,
+    /// To perceive a frame, learning included.
+    pub frame_p99: f64,
+    /// To solve slow features.
+    pub resolve_p50: f64,
+    /// To solve slow features.
+    pub resolve_max: f64,
+    /// To fit all policies.
+    pub refit_p50: f64,
+    /// To fit all policies.
+    pub refit_max: f64,
+}
+
+/// Durations with three digits from a microsecond up to an hour, in bounded memory.
+pub struct Clock(Histogram<u64>);
+
+impl Clock {
+    /// No durations yet.
+    pub fn new() -> Self {
+        // These bounds are valid: 1 ≤ low, 2 low ≤ high, at most 5 digits.
+        Clock(Histogram::new_with_bounds(1, 3_600_000_000, 3).expect("valid bounds"))
+    }
+
+    /// Do some work and keep how long it took.
+    pub fn time<R>(&mut self, work: impl FnOnce() -> R) -> R {
+        let begin = Instant::now();
+        let result = work();
+        self.keep(begin.elapsed());
+        result
+    }
+
+    /// Keep a duration.
+    pub fn keep(&mut self, duration: Duration) {
+        self.0.saturating_record(duration.as_micros() as u64);
+    }
+
+    /// The duration that a share `q` of all stays below, milliseconds.
+    pub fn quantile_ms(&self, q: f64) -> f64 {
+        self.0.value_at_quantile(q) as f64 / 1000.0
+    }
+
+    /// The longest duration, milliseconds.
+    pub fn max_ms(&self) -> f64 {
+        self.0.max() as f64 / 1000.0
+    }
+}

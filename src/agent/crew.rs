@@ -1,0 +1,38 @@
+//! Threads for the actors; the first error of any of them is kept.
+
+use std::sync::{Mutex, PoisonError};
+use std::thread::{Builder, Scope, ScopedJoinHandle};
+
+use super::run::RunError;
+
+/// Starts actors; the first error of any of them is kept.
+pub struct Crew<'scope, 'env> {
+    pub scope: &'scope Scope<'scope, 'env>,
+    pub failed: &'scope Mutex<Option<RunError>>,
+}
+
+impl<'scope> Crew<'scope, '_> {
+    /// Start an actor on a thread of its name; joining it gives what it returned, if it did not fail.
+    pub fn start<R: Send + 'scope>(
+        &self,
+        name: &'static str,
+        work: impl FnOnce() -> Result<R, RunError> + Send + 'scope,
+    ) -> Result<ScopedJoinHandle<'scope, Option<R>>, RunError> {
+        let failed = self.failed;
+        let guarded = move || {
+            let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(work));
+            let error = match result {
+                Ok(Ok(done)) => return Some(done),
+                Ok(Err(error)) => error,
+                Err(panic) => {
+                    let text = panic.downcast_ref::<String>().cloned();
+                    let text = text.or_else(|| panic.downcast_ref::<&str>().map(|&text| text.to_owned()));
+                    RunError::Panic(name, text.unwrap_or_default())
+                }
+            };
+            failed.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
+            None
+        };
+        Builder::new().name(name.to_owned()).spawn_scoped(self.scope, guarded).map_err(RunError::Thread)
+    }
+}

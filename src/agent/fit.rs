@@ -1,0 +1,117 @@
+//! The actor that fits policies on new features, for all tasks from the same window of transitions.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use faer::{Mat, Par};
+
+use super::messages::{FitRequest, Update};
+use crate::policy::{Learned, columns};
+use crate::scenario::Scenario;
+use crate::slow::SlowModel;
+use crate::value::{Fit, Lspi, LspiOptions, Samples, Transition, ValueError, balance};
+use crate::vision::Observation;
+use crate::world::Action;
+
+/// Observations that are projected in one product, so that memory stays bounded.
+const PROJECT_AT_ONCE: usize = 2048;
+
+/// Least-squares policy iteration over the window.
+pub struct FitPolicies {
+    scenario: Arc<Scenario>,
+    epoch: u32,
+}
+
+impl FitPolicies {
+    /// A fitter for the tasks of a scenario.
+    pub fn new(scenario: Arc<Scenario>) -> Self {
+        FitPolicies { scenario, epoch: 0 }
+    }
+
+    /// Policies for a new model. Nothing of an older model is used: the whole window is projected again.
+    pub fn step(&mut self, request: FitRequest) -> Update {
+        let transitions = request.window.len();
+        let fitted = request.model.and_then(|model| {
+            let fits = self.fit(&model, &request.window).map_err(|error| error.to_string())?;
+            Ok((model, fits))
+        });
+        let (learned, fits) = match fitted {
+            Err(reason) => (Err(reason), Vec::new()),
+            Ok((model, fits)) => {
+                self.epoch += 1;
+                let weights = fits.iter().map(|fit| fit.weights.clone()).collect();
+                let (epoch, asked_at, frames) = (self.epoch, request.asked_at, request.frames);
+                (Ok(Arc::new(Learned { epoch, asked_at, frames, model, weights })), fits)
+            }
+        };
+        Update { asked_at: request.asked_at, learned, fits, transitions }
+    }
+
+    fn fit(&self, model: &SlowModel<f32>, window: &[Transition<Arc<Observation>>]) -> Result<Vec<Fit>, ValueError> {
+        let settings = &self.scenario.value;
+        let projected = Projection::new(model, window);
+        let from: Vec<usize> = window.iter().map(|t| projected.place[&t.from.frame]).collect();
+        let to: Vec<usize> = window.iter().map(|t| projected.place[&t.to.frame]).collect();
+        let column =
+            |places: &[usize]| Mat::from_fn(projected.phi.nrows(), places.len(), |i, j| projected.phi[(i, places[j])]);
+        let (phi, next) = (column(&from), column(&to));
+        let actions: Vec<usize> = window.iter().map(|t| t.action).collect();
+        let groups: Vec<(usize, usize)> =
+            from.iter().zip(&actions).map(|(&place, &action)| (projected.cell[place], action)).collect();
+        let weights = balance(&groups, settings.balance);
+        let samples = Samples { phi: phi.as_ref(), actions: &actions, weights: &weights };
+        let problem = Lspi::new(samples, Action::ALL.len(), Par::Seq)?;
+        let options = LspiOptions {
+            gamma: settings.gamma,
+            ridge: settings.ridge,
+            mixing: settings.mixing,
+            max_iterations: settings.max_iterations,
+            tolerance: settings.tolerance,
+        };
+        let tasks = self.scenario.tasks.iter().enumerate();
+        tasks
+            .map(|(number, task)| {
+                let rewards: Vec<f64> = window.iter().map(|t| t.rewards[number]).collect();
+                if !task.absorbing {
+                    return problem.fit(next.as_ref(), &rewards, &options);
+                }
+                let until_goal = Mat::from_fn(next.nrows(), next.ncols(), |i, j| {
+                    if window[j].reached[number] { 0.0 } else { next[(i, j)] }
+                });
+                problem.fit(until_goal.as_ref(), &rewards, &options)
+            })
+            .collect()
+    }
+}
+
+/// The window's observations in features, each once although two transitions share it.
+struct Projection {
+    /// Column of a frame.
+    place: BTreeMap<u64, usize>,
+    /// `f × n`.
+    phi: Mat<f64>,
+    /// Nearest support vector of each observation.
+    cell: Vec<usize>,
+}
+
+impl Projection {
+    fn new(model: &SlowModel<f32>, window: &[Transition<Arc<Observation>>]) -> Self {
+        let unique: BTreeMap<u64, &Arc<Observation>> =
+            window.iter().flat_map(|t| [&t.from, &t.to]).map(|seen| (seen.frame, seen)).collect();
+        let place = unique.keys().enumerate().map(|(column, &frame)| (frame, column)).collect();
+        let seen: Vec<&Observation> = unique.values().map(|seen| seen.as_ref()).collect();
+        let mut phi = Mat::zeros(model.features(), seen.len());
+        let mut cell = Vec::with_capacity(seen.len());
+        for (index, part) in seen.chunks(PROJECT_AT_ONCE).enumerate() {
+            let rows = model.kernel_rows(columns(part.iter().copied()).as_ref(), Par::Seq);
+            let features = model.apply_to_rows(rows.as_ref(), Par::Seq);
+            phi.as_mut().subcols_mut(index * PROJECT_AT_ONCE, part.len()).copy_from(&features);
+            cell.extend((0..part.len()).map(|j| {
+                let largest =
+                    |best: (usize, f64), i: usize| if rows[(i, j)] > best.1 { (i, rows[(i, j)]) } else { best };
+                (0..rows.nrows()).fold((0, f64::NEG_INFINITY), largest).0
+            }));
+        }
+        Projection { place, phi, cell }
+    }
+}

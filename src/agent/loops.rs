@@ -1,0 +1,268 @@
+//! The loops that run the actors on their threads: take from queues, step, put into queues.
+//!
+//! An actor whose neighbour is gone ends quietly: the neighbour has ended for a reason, and that one is reported.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use super::act::Act;
+use super::clock::Clock;
+use super::messages::{Percept, SolveRequest, Update};
+use super::perceive::{self, Perceive};
+use super::queue::{Closed, Inbox, Outbox};
+use super::record::{Level, Recorder};
+use super::run::{CurvePoint, RunError};
+use super::status::{Status, resident_bytes};
+use crate::evaluate::{Evaluator, TaskResult};
+use crate::policy::{Learned, Tally};
+use crate::scenario::{Mode, Scenario};
+use crate::source::{Frame, Source};
+use crate::world::Action;
+
+/// How often the run's health goes into the log.
+const HEALTH_INTERVAL: Duration = Duration::from_secs(1);
+
+/// What the perceive actor has when it ends.
+pub struct Perceived {
+    pub frames: u64,
+    pub support_vectors: usize,
+    pub clock: Clock,
+}
+
+/// The source actor: the first frame, then the frames of each action.
+pub fn supply(source: &mut (dyn Source + Send), actions: &Inbox<Action>, frames: &Outbox<Frame>) {
+    if frames.put(source.first()).is_err() {
+        return;
+    }
+    while let Ok(action) = actions.take() {
+        let mut open = true;
+        source.execute(action, &mut |frame| {
+            open = frames.put(frame).is_ok();
+            open
+        });
+        if !open {
+            return;
+        }
+    }
+}
+
+/// The perceive actor. A percept leaves before its block is learned from, so that control does not wait for learning.
+pub fn perceive(
+    scenario: &Arc<Scenario>,
+    frames: &Inbox<Frame>,
+    percepts: &Outbox<Percept>,
+    solve: &Outbox<SolveRequest>,
+    record: &Recorder,
+    status: &Status,
+) -> Result<Perceived, RunError> {
+    let mut perceive = Perceive::new(scenario.clone());
+    let mut done = Perceived { frames: 0, support_vectors: 0, clock: Clock::new() };
+    let mut last_boundary = None;
+    loop {
+        let Ok(frame) = frames.take() else {
+            let last = perceive.finish()?;
+            // Whoever is gone by now has failed, and that is reported.
+            let _ = deliver(last, &mut done, solve, record, status);
+            return Ok(done);
+        };
+        let begin = Instant::now();
+        let (stamp, action) = (frame.stamp_ns, frame.action);
+        let mut sent = record.frame(&frame);
+        let (observation, percept) = perceive.see(frame);
+        sent = sent.and_then(|()| record.observation(&observation, stamp));
+        if let Some(percept) = percept {
+            let before = last_boundary.replace(observation.frame);
+            if let (Some(from), Some(action)) = (before, action) {
+                sent = sent.and_then(|()| record.transition(from, action, &percept));
+            }
+            sent = sent.and_then(|()| percepts.put(percept));
+        }
+        let learned = perceive.learn()?;
+        done.frames += 1;
+        if sent.and_then(|()| deliver(learned, &mut done, solve, record, status)).is_err() {
+            return Ok(done);
+        }
+        done.clock.keep(begin.elapsed());
+        let p99 = done.clock.quantile_ms(0.99);
+        status.update(|s| (s.frames, s.stamp_ns, s.frame_p99_ms) = (done.frames, stamp, p99));
+    }
+}
+
+fn deliver(
+    learned: perceive::Learned,
+    done: &mut Perceived,
+    solve: &Outbox<SolveRequest>,
+    record: &Recorder,
+    status: &Status,
+) -> Result<(), Closed> {
+    if let Some(growth) = learned.growth {
+        done.support_vectors = growth.size;
+        status.update(|s| s.support_vectors = growth.size);
+        record.growth(growth)?;
+    }
+    learned.request.map_or(Ok(()), |request| solve.put(request))
+}
+
+/// What the act actor has when it ends.
+pub struct Acted {
+    pub learned: Option<Arc<Learned>>,
+    pub without_model: Option<String>,
+    pub actions: u64,
+    pub pursuits: Vec<Tally>,
+    pub clock: Clock,
+}
+
+/// The act actor's surroundings.
+pub struct Deciding<'a> {
+    pub scenario: &'a Arc<Scenario>,
+    pub record: &'a Recorder,
+    pub status: &'a Status,
+    pub stop: &'a AtomicBool,
+}
+
+impl Deciding<'_> {
+    /// Decide until the last action, then wait for the last model.
+    pub fn run(
+        &self,
+        percepts: &Inbox<Percept>,
+        updates: &Inbox<Update>,
+        actions: Outbox<Action>,
+        assess: &Outbox<(Arc<Learned>, u64)>,
+    ) -> Result<Acted, RunError> {
+        let mut act = Act::new(self.scenario);
+        let mut acted =
+            Acted { learned: None, without_model: None, actions: 0, pursuits: Vec::new(), clock: Clock::new() };
+        // Frames at which models were asked for whose answers have not come into effect.
+        let mut asked = VecDeque::new();
+        let latency = self.scenario.agent.latency_frames as u64;
+        while let Ok(percept) = percepts.take() {
+            asked.extend(percept.asked.iter().copied());
+            let frame = percept.observation.frame;
+            while let Some(&at) = asked.front() {
+                let update = match self.scenario.agent.mode {
+                    Mode::Lockstep if at + latency <= frame => updates.take().map(Some),
+                    Mode::Lockstep => break,
+                    Mode::Realtime => updates.poll(),
+                };
+                match update {
+                    Ok(Some(update)) => {
+                        asked.pop_front();
+                        self.install(&mut act, &mut acted, update, frame, percept.stamp_ns, assess);
+                    }
+                    Ok(None) => break,
+                    Err(Closed) => return Ok(acted),
+                }
+            }
+            if self.stop.load(Ordering::Relaxed) || acted.actions >= self.scenario.actions as u64 {
+                break;
+            }
+            let decision = acted.clock.time(|| act.step(&percept));
+            acted.actions += 1;
+            let sent = self.record.decision(&decision, frame, percept.stamp_ns);
+            if sent.is_err() || actions.put(decision.action).is_err() {
+                break;
+            }
+            let pursuits = act.tallies().iter().fold(Tally::default(), |sum, tally| Tally {
+                reached: sum.reached + tally.reached,
+                ended: sum.ended + tally.ended,
+            });
+            let p99 = acted.clock.quantile_ms(0.99);
+            self.status.update(|s| (s.actions, s.pursuits, s.act_p99_ms) = (acted.actions as usize, pursuits, p99));
+        }
+        // No more actions: the source ends, then perceive with its last request, and then the solvers.
+        drop(actions);
+        while percepts.take().is_ok() {}
+        while let Ok(update) = updates.take() {
+            let now = self.status.snapshot();
+            self.install(&mut act, &mut acted, update, now.frames, now.stamp_ns, assess);
+        }
+        acted.pursuits = act.tallies().to_vec();
+        Ok(acted)
+    }
+
+    fn install(
+        &self,
+        act: &mut Act,
+        acted: &mut Acted,
+        update: Update,
+        frame: u64,
+        stamp_ns: u64,
+        assess: &Outbox<(Arc<Learned>, u64)>,
+    ) {
+        match &update.learned {
+            Ok(learned) => {
+                act.install(learned.clone());
+                acted.learned = Some(learned.clone());
+                acted.without_model = None;
+                // A closed log ends the run at the next decision; a closed assess actor has failed and is reported.
+                let _ = self.record.update(&update, learned, frame, stamp_ns);
+                let slowness = &learned.model.slowness;
+                let mean = slowness.iter().sum::<f64>() / slowness.len() as f64;
+                self.status.update(|s| (s.epoch, s.slowness_mean) = (learned.epoch, Some(mean)));
+                let _ = assess.put((learned.clone(), stamp_ns));
+            }
+            Err(reason) => {
+                let text = format!("no model from the frames up to {}: {reason}", update.asked_at);
+                let _ = self.record.diagnostic(Level::Warn, stamp_ns, text.clone());
+                self.status.update(|s| s.without_model = Some(text.clone()));
+                acted.without_model = Some(text);
+            }
+        }
+    }
+}
+
+/// The assess actor: trials with every model, or every few, beside the run.
+pub fn assess(
+    models: &Inbox<(Arc<Learned>, u64)>,
+    evaluator: Option<&Evaluator>,
+    scenario: &Scenario,
+    record: &Recorder,
+    status: &Status,
+) -> Vec<CurvePoint> {
+    let mut curve = Vec::new();
+    let every = scenario.evaluate.every as u32;
+    while let Ok((learned, stamp_ns)) = models.take() {
+        let Some(evaluator) = evaluator.filter(|_| every > 0 && learned.epoch.is_multiple_of(every)) else { continue };
+        let results = evaluator.evaluate(&learned, false);
+        let point = curve_point(&learned, &results, scenario);
+        status.update(|s| s.success = Some(point.success));
+        curve.push(point);
+        if record.evaluation(&results, &learned, stamp_ns).is_err() {
+            break;
+        }
+    }
+    curve
+}
+
+/// One evaluation as a point of the curve.
+fn curve_point(learned: &Learned, results: &[TaskResult], scenario: &Scenario) -> CurvePoint {
+    let tasks = results.len() as f64;
+    let slowness = &learned.model.slowness;
+    CurvePoint {
+        frames: learned.frames,
+        actions: (learned.frames - 1) / scenario.robot.frames_per_action as u64,
+        support_vectors: learned.model.members.ncols(),
+        success: results.iter().map(|result| result.success).sum::<f64>() / tasks,
+        convergence_quality: results.iter().map(|result| result.convergence_quality).sum::<f64>() / tasks,
+        slowness_mean: slowness.iter().sum::<f64>() / slowness.len() as f64,
+    }
+}
+
+/// The health actor: how the run is doing, once a second.
+pub fn watch_health(record: &Recorder, status: &Status, over: &AtomicBool) {
+    let (mut last, mut frames) = (Instant::now(), 0);
+    while !over.load(Ordering::Relaxed) {
+        std::thread::sleep(Duration::from_millis(20));
+        if last.elapsed() < HEALTH_INTERVAL {
+            continue;
+        }
+        let now = status.snapshot();
+        let rate = (now.frames - frames) as f64 / last.elapsed().as_secs_f64();
+        (last, frames) = (Instant::now(), now.frames);
+        if record.health(&now, rate, resident_bytes().unwrap_or(0)).is_err() {
+            return;
+        }
+    }
+}

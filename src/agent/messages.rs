@@ -1,0 +1,49 @@
+//! What the actors say to each other.
+
+use std::sync::Arc;
+
+use crate::dictionary::Dictionary;
+use crate::policy::Learned;
+use crate::slow::{Moments, SlowModel};
+use crate::source::Boundary;
+use crate::value::{Fit, Transition};
+use crate::vision::Observation;
+
+/// From perceive to act: what was seen at the end of an action.
+#[derive(Debug, Clone)]
+pub struct Percept {
+    pub observation: Arc<Observation>,
+    pub stamp_ns: u64,
+    pub sonar: Vec<f64>,
+    pub boundary: Boundary,
+    /// Frames at which models were asked for since the percept before.
+    pub asked: Vec<u64>,
+}
+
+/// From perceive to solve: everything that a new model is made of.
+pub struct SolveRequest {
+    pub asked_at: u64,
+    pub frames: u64,
+    pub dictionary: Dictionary<f32>,
+    pub moments: Moments,
+    pub window: Vec<Transition<Arc<Observation>>>,
+}
+
+/// From solve to fit: slow features, or why there are none.
+pub struct FitRequest {
+    pub asked_at: u64,
+    pub frames: u64,
+    pub model: Result<SlowModel<f32>, String>,
+    pub window: Vec<Transition<Arc<Observation>>>,
+}
+
+/// From fit to act and assess: the answer to one request.
+#[derive(Debug, Clone)]
+pub struct Update {
+    pub asked_at: u64,
+    pub learned: Result<Arc<Learned>, String>,
+    /// How policy iteration went, by task.
+    pub fits: Vec<Fit>,
+    /// Transitions it was made of.
+    pub transitions: usize,
+}

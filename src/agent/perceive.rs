@@ -1,0 +1,248 @@
+//! The actor that sees and learns: vision, dictionary, moments, the window of transitions.
+
+use std::sync::Arc;
+
+use faer::Par;
+use thiserror::Error;
+
+use super::messages::{Percept, SolveRequest};
+use crate::dictionary::{DictionaryError, Parameters};
+use crate::kernel::{Kernel, KernelError, median_distance};
+use crate::policy::columns;
+use crate::scenario::Scenario;
+use crate::slow::{Link, SlowStream, StreamOptions};
+use crate::source::{Boundary, Frame};
+use crate::value::{Transition, Window};
+use crate::vision::{Observation, observe};
+use crate::world::Action;
+
+/// What learning can refuse.
+#[derive(Debug, Error)]
+pub enum PerceiveError {
+    /// No kernel width could be found.
+    #[error("no kernel width: {0}; set dictionary.sigma, or look at what the camera sees")]
+    Width(#[from] KernelError),
+    /// The dictionary refused a block of frames.
+    #[error("frames up to {last_frame} cannot be learned from: {cause}")]
+    Block {
+        /// The newest frame of the block.
+        last_frame: u64,
+        /// What the dictionary says.
+        cause: DictionaryError,
+    },
+}
+
+/// How many new support vectors are gathered before retained frames get their coordinates.
+const SETTLE_AT: usize = 128;
+
+/// A frame that waits for its block.
+struct Pending {
+    observation: Arc<Observation>,
+    link: Option<Link>,
+    /// For the last frame of an action: what it came to.
+    boundary: Option<Boundary>,
+    action: Option<Action>,
+}
+
+/// What a block of frames did to the dictionary.
+pub struct Growth {
+    pub first_frame: u64,
+    pub last_frame: u64,
+    pub stamp_ns: u64,
+    pub accepted: Vec<u64>,
+    pub size: usize,
+    pub sigma: f64,
+    pub at_budget: bool,
+}
+
+/// What came of a frame.
+#[derive(Default)]
+pub struct Learned {
+    pub growth: Option<Growth>,
+    pub request: Option<SolveRequest>,
+}
+
+/// Vision, dictionary, moments and window.
+pub struct Perceive {
+    scenario: Arc<Scenario>,
+    stream: Option<SlowStream<f32>>,
+    pending: Vec<Pending>,
+    window: Window<Arc<Observation>>,
+    last_number: Option<u64>,
+    /// The observation before the action that is going on, and its cell.
+    last_boundary: Option<(Arc<Observation>, usize)>,
+    asked: Vec<u64>,
+    last_request: Option<u64>,
+    frames: u64,
+    stamp_ns: u64,
+}
+
+impl Perceive {
+    /// An actor that has seen nothing.
+    pub fn new(scenario: Arc<Scenario>) -> Self {
+        Perceive {
+            window: Window::new(scenario.value.window),
+            scenario,
+            stream: None,
+            pending: Vec::new(),
+            last_number: None,
+            last_boundary: None,
+            asked: Vec::new(),
+            last_request: None,
+            frames: 0,
+            stamp_ns: 0,
+        }
+    }
+
+    /// See a frame: its observation, and at the end of an action the percept to act on.
+    pub fn see(&mut self, frame: Frame) -> (Arc<Observation>, Option<Percept>) {
+        let observation = Arc::new(observe(&frame.image, &self.scenario.vision, frame.number));
+        let follows = self.last_number.is_some_and(|last| last + 1 == frame.number);
+        let link = frame.action.filter(|_| follows).map(|action| Link {
+            dt: self.scenario.robot.frame_seconds(),
+            weight: if action == Action::Forward { self.scenario.slow.move_weight } else { 1.0 },
+        });
+        self.pending.push(Pending {
+            observation: observation.clone(),
+            link,
+            boundary: frame.boundary.clone(),
+            action: frame.action,
+        });
+        self.last_number = Some(frame.number);
+        self.stamp_ns = frame.stamp_ns;
+        self.frames += 1;
+        if self.request_is_due() {
+            self.asked.push(frame.number);
+        }
+        let percept = frame.boundary.map(|boundary| Percept {
+            observation: observation.clone(),
+            stamp_ns: frame.stamp_ns,
+            sonar: frame.sonar,
+            boundary,
+            asked: std::mem::take(&mut self.asked),
+        });
+        (observation, percept)
+    }
+
+    /// Learn from what was seen, when a block is full or a model is due.
+    pub fn learn(&mut self) -> Result<Learned, PerceiveError> {
+        let due = self.request_is_due();
+        let gathering = self.stream.is_none() && self.scenario.dictionary.sigma.is_none();
+        let block =
+            if gathering { self.scenario.dictionary.sigma_frames } else { self.scenario.dictionary.block_frames };
+        let growth = if due || self.pending.len() >= block { self.flush()? } else { None };
+        let request = if due { self.request() } else { None };
+        Ok(Learned { growth, request })
+    }
+
+    /// Learn from the last frames, and ask for the last model.
+    pub fn finish(&mut self) -> Result<Learned, PerceiveError> {
+        let growth = self.flush()?;
+        let already = self.last_request.is_some() && self.last_request == self.last_number;
+        let request = if already { None } else { self.request() };
+        Ok(Learned { growth, request })
+    }
+
+    fn request_is_due(&self) -> bool {
+        self.frames > 0 && self.frames.is_multiple_of(self.scenario.agent.resolve_frames as u64)
+    }
+
+    fn request(&mut self) -> Option<SolveRequest> {
+        let asked_at = self.last_number?;
+        let stream = self.stream.as_mut()?;
+        self.last_request = Some(asked_at);
+        let moments = stream.settled_moments().clone();
+        Some(SolveRequest {
+            asked_at,
+            frames: self.frames,
+            dictionary: stream.dictionary().clone(),
+            moments,
+            window: self.window.snapshot(),
+        })
+    }
+
+    /// Put all pending frames into the stream, and the transitions that end in them into the window.
+    fn flush(&mut self) -> Result<Option<Growth>, PerceiveError> {
+        let pending = std::mem::take(&mut self.pending);
+        let (Some(first), Some(last)) = (pending.first(), pending.last()) else { return Ok(None) };
+        let (first_frame, last_frame) = (first.observation.frame, last.observation.frame);
+        let x = columns(pending.iter().map(|frame| frame.observation.as_ref()));
+        let refuse = |cause| PerceiveError::Block { last_frame, cause };
+        if self.stream.is_none() {
+            self.stream = Some(self.begin(&x).map_err(|error| error.unwrap_or_block(last_frame))?);
+        }
+        let Some(stream) = self.stream.as_mut() else { return Ok(None) };
+        let links: Vec<Option<Link>> = pending.iter().map(|frame| frame.link).collect();
+        let mut accepted = Vec::new();
+        let mut start = 0;
+        while start < pending.len() {
+            let size = self.scenario.dictionary.block_frames.min(pending.len() - start);
+            let block = stream.push(x.as_ref().subcols(start, size), &links[start..start + size]).map_err(refuse)?;
+            accepted.extend(block.accepted.iter().map(|&index| pending[start + index].observation.frame));
+            for (frame, &cell) in pending[start..start + size].iter().zip(&block.nearest) {
+                let Some(boundary) = &frame.boundary else { continue };
+                let before = self.last_boundary.replace((frame.observation.clone(), cell));
+                if let (Some((from, cell)), Some(action)) = (before, frame.action) {
+                    self.window.push(Transition {
+                        from,
+                        action: action.index(),
+                        rewards: boundary.rewards.clone(),
+                        reached: boundary.in_goal.clone(),
+                        to: frame.observation.clone(),
+                        cell,
+                    });
+                }
+            }
+            start += size;
+        }
+        let dictionary = stream.dictionary();
+        Ok(Some(Growth {
+            first_frame,
+            last_frame,
+            stamp_ns: self.stamp_ns,
+            accepted,
+            size: dictionary.len(),
+            sigma: dictionary.parameters().kernel.sigma(),
+            at_budget: dictionary.at_budget(),
+        }))
+    }
+
+    /// The stream, with the kernel width of the scenario or of the first frames.
+    fn begin(&self, first: &faer::Mat<f32>) -> Result<SlowStream<f32>, Begin> {
+        let settings = &self.scenario.dictionary;
+        let sigma = match settings.sigma {
+            Some(sigma) => sigma,
+            None => settings.sigma_factor * median_distance(first.as_ref())?,
+        };
+        let dictionary = Parameters {
+            kernel: Kernel::radial(sigma, settings.exponent)?,
+            nu: settings.nu,
+            budget: settings.budget,
+            par: Par::Seq,
+        };
+        Ok(SlowStream::new(StreamOptions {
+            dictionary,
+            retained: settings.retained_frames,
+            memory_frames: self.scenario.slow.memory_frames,
+            settle_at: SETTLE_AT,
+        })?)
+    }
+}
+
+/// Why the stream could not begin.
+#[derive(Debug, Error)]
+enum Begin {
+    #[error(transparent)]
+    Kernel(#[from] KernelError),
+    #[error(transparent)]
+    Dictionary(#[from] DictionaryError),
+}
+
+impl Begin {
+    fn unwrap_or_block(self, last_frame: u64) -> PerceiveError {
+        match self {
+            Begin::Kernel(error) => PerceiveError::Width(error),
+            Begin::Dictionary(cause) => PerceiveError::Block { last_frame, cause },
+        }
+    }
+}

@@ -1,0 +1,268 @@
+//! Writing the log: what each event becomes as messages, and the actor that owns the writer.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use super::act::Decision;
+use super::messages::{Percept, Update};
+use super::perceive::Growth;
+use super::queue::{Closed, Inbox, Outbox};
+use super::status::Snapshot;
+use crate::evaluate::TaskResult;
+use crate::log::messages as msg;
+use crate::log::{LogError, LogTotals, LogWriter, Message, Topic, topics};
+use crate::policy::{Learned, Leg};
+use crate::scenario::Scenario;
+use crate::source::Frame;
+use crate::vision::Observation;
+use crate::world::{Action, Pose};
+
+/// One write, to be done by the thread that owns the file.
+pub type Write = Box<dyn FnOnce(&mut LogWriter) -> Result<(), LogError> + Send>;
+
+/// Where actors put what is to be logged.
+#[derive(Clone)]
+pub struct Recorder {
+    outbox: Outbox<Write>,
+    scenario: Arc<Scenario>,
+}
+
+/// Level of a diagnostic.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Level {
+    Info,
+    Warn,
+    Error,
+}
+
+/// The log actor: do all writes in their order, flush on time, and close the file at the end.
+pub fn write_log(inbox: &Inbox<Write>, mut writer: LogWriter, flush: Duration) -> Result<LogTotals, LogError> {
+    loop {
+        match inbox.take_within(flush / 4) {
+            Ok(Some(write)) => write(&mut writer)?,
+            Ok(None) => {}
+            Err(Closed) => return writer.finish(),
+        }
+        writer.tick(Instant::now())?;
+    }
+}
+
+impl Recorder {
+    pub fn new(outbox: Outbox<Write>, scenario: Arc<Scenario>) -> Self {
+        Recorder { outbox, scenario }
+    }
+
+    fn write<M: Message + Send + 'static>(
+        &self,
+        topic: Topic<M>,
+        sequence: u64,
+        stamp_ns: u64,
+        message: M,
+    ) -> Result<(), Closed> {
+        // Sequence numbers of the format have 32 bits; they wrap, frame numbers inside of messages do not.
+        let sequence = sequence as u32;
+        self.outbox.put(Box::new(move |writer| writer.write(topic, sequence, stamp_ns, &message)))
+    }
+
+    /// What was sensed with a frame, and the observation that was made of it.
+    pub fn frame(&self, frame: &Frame) -> Result<(), Closed> {
+        let (number, stamp) = (frame.number, frame.stamp_ns);
+        let header = |frame_id: &str| msg::Header::new(stamp, frame_id);
+        let pose = msg::PoseStamped { header: header("map"), pose: planar(&frame.pose) };
+        self.write(topics::POSE, number, stamp, pose)?;
+        let odometry = msg::Odometry {
+            header: header("odom"),
+            child_frame_id: "base_link".into(),
+            pose: msg::PoseWithCovariance { pose: planar(&frame.odometry), ..Default::default() },
+            ..Default::default()
+        };
+        self.write(topics::ODOMETRY, number, stamp, odometry)?;
+        let increment = std::f32::consts::TAU / frame.sonar.len() as f32;
+        let sonar = msg::LaserScan {
+            header: header("base_link"),
+            angle_min: 0.0,
+            angle_max: std::f32::consts::TAU - increment,
+            angle_increment: increment,
+            range_max: self.scenario.robot.sonar_range as f32,
+            ranges: frame.sonar.iter().map(|&range| range as f32).collect(),
+            ..Default::default()
+        };
+        self.write(topics::SONAR, number, stamp, sonar)
+    }
+
+    /// The observation that is learned from.
+    pub fn observation(&self, observation: &Observation, stamp_ns: u64) -> Result<(), Closed> {
+        let vision = &self.scenario.vision;
+        let image = msg::Image {
+            header: msg::Header::new(stamp_ns, "camera"),
+            height: vision.height as u32,
+            width: vision.width as u32,
+            encoding: "rgb8".into(),
+            is_bigendian: 0,
+            step: 3 * vision.width as u32,
+            data: observation.pixels.clone(),
+        };
+        self.write(topics::OBSERVATION, observation.frame, stamp_ns, image)
+    }
+
+    /// What an action came to.
+    pub fn transition(&self, from_frame: u64, action: Action, percept: &Percept) -> Result<(), Closed> {
+        let message = msg::Transition {
+            header: msg::Header::new(percept.stamp_ns, "base_link"),
+            from_frame,
+            to_frame: percept.observation.frame,
+            action: action.index() as u8,
+            blocked: percept.boundary.blocked,
+            tasks: self.scenario.tasks.iter().map(|task| task.name.clone()).collect(),
+            rewards: percept.boundary.rewards.clone(),
+        };
+        self.write(topics::TRANSITION, percept.observation.frame, percept.stamp_ns, message)
+    }
+
+    /// A decision, and the command that follows from it.
+    pub fn decision(&self, decision: &Decision, frame: u64, stamp_ns: u64) -> Result<(), Closed> {
+        let robot = &self.scenario.robot;
+        let turn = robot.turn_deg.to_radians() / robot.action_seconds;
+        let (linear, angular) = match decision.action {
+            Action::Forward => (robot.forward / robot.action_seconds, 0.0),
+            Action::TurnLeft => (0.0, turn),
+            Action::TurnRight => (0.0, -turn),
+        };
+        let command = msg::TwistStamped {
+            header: msg::Header::new(stamp_ns, "base_link"),
+            twist: msg::Twist {
+                linear: msg::Vector3 { x: linear, y: 0.0, z: 0.0 },
+                angular: msg::Vector3 { x: 0.0, y: 0.0, z: angular },
+            },
+        };
+        self.write(topics::COMMAND, frame, stamp_ns, command)?;
+        let (behaviour, task) = match decision.leg {
+            Leg::Explore => (msg::Decision::EXPLORE, String::new()),
+            Leg::Pursue(task) => (msg::Decision::PURSUE, self.scenario.tasks[task].name.clone()),
+        };
+        let message = msg::Decision {
+            header: msg::Header::new(stamp_ns, "base_link"),
+            frame,
+            action_index: decision.number as u64,
+            action: decision.action.index() as u8,
+            behaviour,
+            task,
+            epoch: decision.epoch,
+            q_values: decision.q_values.map_or(Vec::new(), |values| values.to_vec()),
+            reflex: decision.reflex,
+        };
+        self.write(topics::DECISION, frame, stamp_ns, message)
+    }
+
+    /// What a block of frames did to the dictionary.
+    pub fn growth(&self, growth: Growth) -> Result<(), Closed> {
+        let message = msg::DictionaryGrowth {
+            header: msg::Header::new(growth.stamp_ns, ""),
+            first_frame: growth.first_frame,
+            last_frame: growth.last_frame,
+            accepted: growth.accepted,
+            size: growth.size as u32,
+            sigma: growth.sigma,
+            nu: self.scenario.dictionary.nu,
+            at_budget: growth.at_budget,
+        };
+        self.write(topics::DICTIONARY, growth.last_frame, growth.stamp_ns, message)
+    }
+
+    /// A model and its policies, at the frame from which they act.
+    pub fn update(&self, update: &Update, learned: &Learned, effective_at: u64, stamp_ns: u64) -> Result<(), Closed> {
+        let header = msg::Header::new(stamp_ns, "");
+        let model = msg::ModelUpdate {
+            header: header.clone(),
+            epoch: learned.epoch,
+            asked_at_frame: update.asked_at,
+            effective_at_frame: effective_at,
+            frames: learned.frames,
+            support_vectors: learned.model.members.ncols() as u32,
+            regulariser: self.scenario.slow.lambda,
+            slowness: learned.model.slowness.clone(),
+            digest: learned.model_digest(),
+        };
+        self.write(topics::MODEL, effective_at, stamp_ns, model)?;
+        for (task, (weights, fit)) in learned.weights.iter().zip(&update.fits).enumerate() {
+            let policy = msg::PolicyUpdate {
+                header: header.clone(),
+                epoch: learned.epoch,
+                effective_at_frame: effective_at,
+                task: self.scenario.tasks[task].name.clone(),
+                gamma: self.scenario.value.gamma,
+                transitions: update.transitions as u32,
+                iterations: fit.iterations as u32,
+                converged: fit.converged,
+                actions: weights.ncols() as u32,
+                features: weights.nrows() as u32,
+                weights: (0..weights.ncols())
+                    .flat_map(|a| weights.col(a).iter().copied().collect::<Vec<_>>())
+                    .collect(),
+                digest: learned.policy_digest(task),
+            };
+            self.write(topics::POLICY, effective_at, stamp_ns, policy)?;
+        }
+        Ok(())
+    }
+
+    /// Results of an evaluation beside the run.
+    pub fn evaluation(&self, results: &[TaskResult], learned: &Learned, stamp_ns: u64) -> Result<(), Closed> {
+        for result in results {
+            let message = msg::Evaluation {
+                header: msg::Header::new(stamp_ns, ""),
+                epoch: learned.epoch,
+                frame: learned.asked_at,
+                task: result.name.clone(),
+                starts: result.starts as u32,
+                success: result.success,
+                success_wilson_low: result.success_wilson_low,
+                mean_steps: result.mean_steps.unwrap_or(f64::NAN),
+                optimal_mean_steps: result.optimal_mean_steps,
+                convergence_quality: result.convergence_quality,
+            };
+            self.write(topics::EVALUATION, learned.asked_at, stamp_ns, message)?;
+        }
+        Ok(())
+    }
+
+    /// How the run is doing.
+    pub fn health(&self, status: &Snapshot, frames_per_second: f64, rss_bytes: u64) -> Result<(), Closed> {
+        let message = msg::Health {
+            header: msg::Header::new(status.stamp_ns, ""),
+            frames: status.frames,
+            dropped_frames: 0,
+            frames_per_second,
+            support_vectors: status.support_vectors as u32,
+            epoch: status.epoch,
+            queues: status.queues.iter().map(|queue| queue.0.to_owned()).collect(),
+            queue_depths: status.queues.iter().map(|queue| queue.1 as u32).collect(),
+            queue_capacities: status.queues.iter().map(|queue| queue.2 as u32).collect(),
+            act_p99_ms: status.act_p99_ms,
+            frame_p99_ms: status.frame_p99_ms,
+            rss_bytes,
+        };
+        self.write(topics::HEALTH, status.frames, status.stamp_ns, message)
+    }
+
+    /// A line of diagnostics.
+    pub fn diagnostic(&self, level: Level, stamp_ns: u64, text: String) -> Result<(), Closed> {
+        let level = match level {
+            Level::Info => msg::Log::INFO,
+            Level::Warn => msg::Log::WARN,
+            Level::Error => msg::Log::ERROR,
+        };
+        let message =
+            msg::Log { stamp: msg::Time::new(stamp_ns), level, name: "adagio".into(), msg: text, ..Default::default() };
+        self.write(topics::DIAGNOSTICS, 0, stamp_ns, message)
+    }
+
+    /// A file kept in the log.
+    pub fn attach(&self, name: &'static str, bytes: Vec<u8>, stamp_ns: u64) -> Result<(), Closed> {
+        self.outbox.put(Box::new(move |writer| writer.attach(name, "application/octet-stream", &bytes, stamp_ns)))
+    }
+}
+
+fn planar(pose: &Pose) -> msg::Pose {
+    msg::Pose::planar(pose.position.x, pose.position.y, pose.heading)
+}

@@ -1,0 +1,233 @@
+//! One run: the actors on their threads, from the first frame to the closed log.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use serde::Serialize;
+use thiserror::Error;
+
+use super::checkpoint::{CHECKPOINT_NAME, CheckpointError, checkpoint_bytes};
+use super::clock::{Clock, Timing};
+use super::crew::Crew;
+use super::fit::FitPolicies;
+use super::loops;
+use super::messages::{FitRequest, Percept, SolveRequest, Update};
+use super::perceive::PerceiveError;
+use super::queue::queue;
+use super::record::{Level, Recorder, write_log};
+use super::solve::Solve;
+use super::status::Status;
+use crate::evaluate::Evaluator;
+use crate::log::{LogError, LogTotals, LogWriter};
+use crate::policy::{Learned, Tally};
+use crate::scenario::Scenario;
+use crate::source::{Frame, Source};
+use crate::world::Action;
+
+/// Why a run ended early.
+#[derive(Debug, Error)]
+pub enum RunError {
+    /// Learning refused.
+    #[error(transparent)]
+    Perceive(#[from] PerceiveError),
+    /// The log could not be written.
+    #[error(transparent)]
+    Log(#[from] LogError),
+    /// The checkpoint could not be made.
+    #[error(transparent)]
+    Checkpoint(#[from] CheckpointError),
+    /// A thread could not be started.
+    #[error("cannot start a thread: {0}")]
+    Thread(std::io::Error),
+    /// An actor panicked: a defect of this program.
+    #[error("the actor {0} panicked: {1}; this is a defect, please report it")]
+    Panic(&'static str, String),
+}
+
+/// What a run is given beside its scenario.
+pub struct RunOptions<'a> {
+    /// Set from outside to end the run cleanly.
+    pub stop: &'a AtomicBool,
+    /// What the run is doing, to be watched from another thread.
+    pub status: &'a Status,
+    /// Trials for evaluations during the run; none without.
+    pub evaluator: Option<&'a Evaluator>,
+}
+
+/// One evaluation during a run.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct CurvePoint {
+    /// Frames seen.
+    pub frames: u64,
+    /// Actions executed.
+    pub actions: u64,
+    /// Support vectors.
+    pub support_vectors: usize,
+    /// Success, mean over tasks.
+    pub success: f64,
+    /// Convergence quality, mean over tasks.
+    pub convergence_quality: f64,
+    /// Slowness of the features, mean, 1/s².
+    pub slowness_mean: f64,
+}
+
+/// What a run came to.
+pub struct Outcome {
+    /// The newest features and policies; none if the run was too short for any.
+    pub learned: Option<Arc<Learned>>,
+    /// Why there is no model, or why the last one could not be made.
+    pub without_model: Option<String>,
+    /// Actions executed.
+    pub actions: u64,
+    /// Frames seen.
+    pub frames: u64,
+    /// Wall-clock time, seconds.
+    pub seconds: f64,
+    /// Size of the dictionary at the end.
+    pub support_vectors: usize,
+    /// Evaluations during the run.
+    pub curve: Vec<CurvePoint>,
+    /// Durations.
+    pub timing: Timing,
+    /// How pursuits during the run ended, by task.
+    pub pursuits: Vec<Tally>,
+    /// The log.
+    pub log: LogTotals,
+}
+
+/// Run a scenario from its first frame to the closed log.
+///
+/// The first error of any actor ends the run: queues close one after the other, the log is finished, and the error is
+/// returned. Setting `options.stop` ends it the same way without an error.
+///
+/// # Errors
+/// See [`RunError`].
+pub fn run(
+    scenario: &Arc<Scenario>,
+    source: &mut (dyn Source + Send),
+    log: LogWriter,
+    options: &RunOptions<'_>,
+) -> Result<Outcome, RunError> {
+    let begin = Instant::now();
+    let status = options.status;
+    let capacity = scenario.agent.queue;
+    let (frames_out, frames_in, gauge) = queue::<Frame>("frames", capacity);
+    status.watch(gauge);
+    let (percepts_out, percepts_in, gauge) = queue::<Percept>("percepts", capacity);
+    status.watch(gauge);
+    let (actions_out, actions_in, gauge) = queue::<Action>("actions", 1);
+    status.watch(gauge);
+    // Requests carry whole matrices: two of them at a time are enough.
+    let (solve_out, solve_in, gauge) = queue::<SolveRequest>("solve", 1);
+    status.watch(gauge);
+    let (fit_out, fit_in, gauge) = queue::<FitRequest>("fit", 1);
+    status.watch(gauge);
+    let (updates_out, updates_in, gauge) = queue::<Update>("updates", capacity);
+    status.watch(gauge);
+    let (assess_out, assess_in, gauge) = queue::<(Arc<Learned>, u64)>("assess", capacity);
+    status.watch(gauge);
+    let (writes_out, writes_in, gauge) = queue("log", 8 * capacity);
+    status.watch(gauge);
+    let recorder = Recorder::new(writes_out, scenario.clone());
+    let flush = Duration::from_secs_f64(scenario.log.flush_seconds);
+    let failed: Mutex<Option<RunError>> = Mutex::new(None);
+    let over = AtomicBool::new(false);
+
+    let parts = std::thread::scope(|scope| -> Result<_, RunError> {
+        let crew = Crew { scope, failed: &failed };
+        let log_thread = crew.start("log", move || Ok(write_log(&writes_in, log, flush)?))?;
+        crew.start("source", move || {
+            loops::supply(source, &actions_in, &frames_out);
+            Ok(())
+        })?;
+        let record = recorder.clone();
+        let perceive = crew.start("perceive", move || {
+            loops::perceive(scenario, &frames_in, &percepts_out, &solve_out, &record, status)
+        })?;
+        let solver = crew.start("solve", move || {
+            let (mut solve, mut clock) = (Solve::new(&scenario.slow), Clock::new());
+            while let Ok(request) = solve_in.take() {
+                if fit_out.put(clock.time(|| solve.step(request))).is_err() {
+                    break;
+                }
+            }
+            Ok(clock)
+        })?;
+        let fitter = crew.start("fit", move || {
+            let (mut fit, mut clock) = (FitPolicies::new(scenario.clone()), Clock::new());
+            while let Ok(request) = fit_in.take() {
+                if updates_out.put(clock.time(|| fit.step(request))).is_err() {
+                    break;
+                }
+            }
+            Ok(clock)
+        })?;
+        let (record, evaluator) = (recorder.clone(), options.evaluator);
+        let assess =
+            crew.start("assess", move || Ok(loops::assess(&assess_in, evaluator, scenario, &record, status)))?;
+        let (record, stop) = (recorder.clone(), options.stop);
+        let act = crew.start("act", move || {
+            let deciding = loops::Deciding { scenario, record: &record, status, stop };
+            deciding.run(&percepts_in, &updates_in, actions_out, &assess_out)
+        })?;
+        let record = recorder.clone();
+        let over = &over;
+        let health = crew.start("health", move || {
+            loops::watch_health(&record, status, over);
+            Ok(())
+        })?;
+        let parts = (act.join(), perceive.join(), solver.join(), fitter.join(), assess.join());
+        over.store(true, Ordering::Relaxed);
+        let _ = health.join();
+        let stamp = status.snapshot().stamp_ns;
+        let failure = failed.lock().unwrap_or_else(PoisonError::into_inner).take();
+        match (&failure, parts.0.as_ref()) {
+            (Some(error), _) => {
+                let _ = recorder.diagnostic(Level::Error, stamp, format!("the run ended early: {error}"));
+            }
+            (None, Ok(Some(acted))) => {
+                if let Some(learned) = &acted.learned {
+                    let bytes = checkpoint_bytes(learned, scenario)?;
+                    let _ = recorder.attach(CHECKPOINT_NAME, bytes, stamp);
+                }
+                let _ = recorder.diagnostic(Level::Info, stamp, "the run has ended".into());
+            }
+            _ => {}
+        }
+        drop(recorder);
+        let log = log_thread.join();
+        Ok((parts, log, failure))
+    });
+    let ((act, perceive, solver, fitter, assess), log, failure) = parts?;
+    if let Some(error) = failure.or_else(|| failed.lock().unwrap_or_else(PoisonError::into_inner).take()) {
+        return Err(error);
+    }
+    // Without a failure every actor has returned what it has.
+    let lost = |name| RunError::Panic(name, "it returned nothing".into());
+    let acted = act.ok().flatten().ok_or_else(|| lost("act"))?;
+    let perceived = perceive.ok().flatten().ok_or_else(|| lost("perceive"))?;
+    let resolve = solver.ok().flatten().ok_or_else(|| lost("solve"))?;
+    let refit = fitter.ok().flatten().ok_or_else(|| lost("fit"))?;
+    Ok(Outcome {
+        learned: acted.learned,
+        without_model: acted.without_model,
+        actions: acted.actions,
+        frames: perceived.frames,
+        seconds: begin.elapsed().as_secs_f64(),
+        support_vectors: perceived.support_vectors,
+        curve: assess.ok().flatten().ok_or_else(|| lost("assess"))?,
+        timing: Timing {
+            act_p50: acted.clock.quantile_ms(0.5),
+            act_p99: acted.clock.quantile_ms(0.99),
+            frame_p50: perceived.clock.quantile_ms(0.5),
+            frame_p99: perceived.clock.quantile_ms(0.99),
+            resolve_p50: resolve.quantile_ms(0.5),
+            resolve_max: resolve.max_ms(),
+            refit_p50: refit.quantile_ms(0.5),
+            refit_max: refit.max_ms(),
+        },
+        pursuits: acted.pursuits,
+        log: log.ok().flatten().ok_or_else(|| lost("log"))?,
+    })
+}

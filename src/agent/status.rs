@@ -1,0 +1,81 @@
+//! What a run is doing right now, for those who watch.
+
+use std::sync::Mutex;
+
+use super::queue::Gauge;
+use crate::policy::Tally;
+
+/// A view of a run at one moment.
+#[derive(Debug, Clone, Default)]
+pub struct Snapshot {
+    /// Frames seen.
+    pub frames: u64,
+    /// Actions decided.
+    pub actions: usize,
+    /// Simulated or real time of the newest frame, nanoseconds since 1970.
+    pub stamp_ns: u64,
+    /// Support vectors.
+    pub support_vectors: usize,
+    /// Epoch of the policy in use.
+    pub epoch: u32,
+    /// Mean slowness of the features in use, 1/s².
+    pub slowness_mean: Option<f64>,
+    /// How pursuits ended so far, all tasks together.
+    pub pursuits: Tally,
+    /// Success of the newest evaluation, mean over tasks.
+    pub success: Option<f64>,
+    /// 99th percentile of the time from percept to action, milliseconds.
+    pub act_p99_ms: f64,
+    /// 99th percentile of the time to perceive a frame, milliseconds.
+    pub frame_p99_ms: f64,
+    /// Models that could not be made, with the reason of the last one.
+    pub without_model: Option<String>,
+    /// Name, depth and capacity of each queue.
+    pub queues: Vec<(&'static str, usize, usize)>,
+}
+
+/// Shared between the actors, which write it, and whoever watches.
+#[derive(Default)]
+pub struct Status {
+    inner: Mutex<Snapshot>,
+    gauges: Mutex<Vec<Gauge>>,
+}
+
+impl Status {
+    /// A view of now.
+    pub fn snapshot(&self) -> Snapshot {
+        let mut snapshot = lock(&self.inner).clone();
+        snapshot.queues = lock(&self.gauges).iter().map(|gauge| (gauge.name, gauge.depth(), gauge.capacity)).collect();
+        snapshot
+    }
+
+    pub(super) fn update(&self, change: impl FnOnce(&mut Snapshot)) {
+        change(&mut lock(&self.inner));
+    }
+
+    pub(super) fn watch(&self, gauge: Gauge) {
+        lock(&self.gauges).push(gauge);
+    }
+}
+
+/// A watcher that panicked must not take the run down with it.
+fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+}
+
+/// Memory that this process holds now, bytes; `None` where the system does not say.
+pub fn resident_bytes() -> Option<u64> {
+    proc_status("VmRSS:")
+}
+
+/// The most memory that this process has held, bytes; `None` where the system does not say.
+pub fn peak_resident_bytes() -> Option<u64> {
+    proc_status("VmHWM:")
+}
+
+/// Linux tells a process about itself in lines such as `VmRSS:  1234 kB`.
+fn proc_status(key: &str) -> Option<u64> {
+    let text = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = text.lines().find_map(|line| line.strip_prefix(key))?;
+    line.split_whitespace().next()?.parse::<u64>().ok().map(|kilobytes| 1024 * kilobytes)
+}

@@ -1,0 +1,143 @@
+//! `adagio check SCENARIO|RUN`
+
+use std::path::Path;
+
+use serde::Serialize;
+
+use super::{CheckArgs, Ending, folder, print_json, run::load};
+use crate::log::{Ending as LogEnding, LogSummary, summarise};
+use crate::report::Numbered;
+use crate::scenario::Scenario;
+
+/// Check a scenario, or the logs of a run.
+pub fn check(args: &CheckArgs) -> Ending {
+    let is_log = args.target.extension().is_some_and(|extension| extension == "mcap");
+    if args.target.is_dir() || is_log { logs(&args.target, args.json) } else { scenario(args) }
+}
+
+/// What `--json` prints of a valid scenario.
+#[derive(Serialize)]
+struct Sizes {
+    valid: bool,
+    name: String,
+    sha256: String,
+    /// Upper bound of what learning holds, bytes.
+    memory_bytes: u64,
+    /// Length of the run, frames.
+    frames: u64,
+}
+
+/// Upper bound of the memory of learning: see `docs` of the parts. m = budget, d = values of an observation, r = retained frames,
+/// k = features, N = window. Dictionary and moments are held twice while a request is on its way, with the solver's
+/// own three matrices.
+fn memory_bytes(s: &Scenario) -> u64 {
+    let m = s.dictionary.budget as u64;
+    let d = 3 * (s.vision.width * s.vision.height) as u64;
+    let r = s.dictionary.retained_frames.min(s.actions.saturating_mul(s.robot.frames_per_action)) as u64;
+    let (k, n) = (s.slow.features as u64 + 1, s.value.window.min(s.actions) as u64);
+    let square = 8 * m * m;
+    let dictionary = square + 4 * m * d;
+    let moments = 2 * square;
+    let retained = r * (8 * m + 4 * d);
+    let solver = 6 * square;
+    let window = n * (d + 3 * 8 * k) + 9 * 8 * k * k;
+    2 * (dictionary + moments) + retained + solver + window
+}
+
+fn scenario(args: &CheckArgs) -> Ending {
+    let scenario = match load(&args.target, &args.set) {
+        Ok(scenario) => scenario,
+        Err(ending) => return ending,
+    };
+    let sizes = Sizes {
+        valid: true,
+        name: scenario.name.clone(),
+        sha256: scenario.sha256(),
+        memory_bytes: memory_bytes(&scenario),
+        frames: (scenario.actions * scenario.robot.frames_per_action) as u64 + 1,
+    };
+    if args.json {
+        return print_json(&sizes);
+    }
+    print!("{}", scenario.text);
+    eprintln!(
+        "{} is valid: {} frames, at most {:.0} MB for learning",
+        args.target.display(),
+        Numbered(sizes.frames),
+        sizes.memory_bytes as f64 / 1e6
+    );
+    Ending::Done
+}
+
+/// What `--json` prints of one log file.
+#[derive(Serialize)]
+struct Checked {
+    file: String,
+    messages: u64,
+    complete: bool,
+    ending: String,
+    damaged_records: u64,
+    missing_observations: u64,
+    out_of_order: u64,
+}
+
+impl Checked {
+    fn new(path: &Path, summary: &LogSummary) -> Self {
+        let ending = match &summary.ending {
+            LogEnding::Complete => "complete".to_owned(),
+            LogEnding::NoFooter => "not closed: it ends without a footer".to_owned(),
+            LogEnding::Damaged { offset, cause } => format!("damaged at byte {offset}: {cause}"),
+        };
+        Checked {
+            file: path.display().to_string(),
+            messages: summary.messages.values().sum(),
+            complete: summary.ending == LogEnding::Complete,
+            ending,
+            damaged_records: summary.damaged,
+            missing_observations: summary.missing,
+            out_of_order: summary.out_of_order,
+        }
+    }
+
+    fn is_whole(&self) -> bool {
+        self.complete && self.damaged_records == 0 && self.missing_observations == 0 && self.out_of_order == 0
+    }
+}
+
+fn logs(run: &Path, json: bool) -> Ending {
+    let files = match folder::logs(run) {
+        Ok(files) => files,
+        Err(ending) => return ending,
+    };
+    let mut checked = Vec::new();
+    for file in files {
+        match summarise(&file) {
+            Ok(summary) => checked.push(Checked::new(&file, &summary)),
+            Err(error) => return Ending::failed(error),
+        }
+    }
+    if json {
+        if let Ending::Failed(reason) = print_json(&checked) {
+            return Ending::Failed(reason);
+        }
+    } else {
+        for file in &checked {
+            println!("{}: {} messages, {}", file.file, Numbered(file.messages), file.ending);
+            for (count, what) in [
+                (file.damaged_records, "damaged records"),
+                (file.missing_observations, "observations missing"),
+                (file.out_of_order, "observations out of order"),
+            ] {
+                if count > 0 {
+                    println!("  {} {what}", Numbered(count));
+                }
+            }
+        }
+    }
+    let bad = checked.iter().filter(|file| !file.is_whole()).count();
+    if bad == 0 {
+        Ending::Done
+    } else {
+        Ending::DataLoss(format!("{bad} of {} log files are not whole", checked.len()))
+    }
+}

@@ -1,0 +1,39 @@
+//! `adagio evaluate RUN`
+
+use std::sync::Arc;
+
+use serde::Serialize;
+
+use super::{Ending, EvaluateArgs, folder, print_json};
+use crate::evaluate::{Evaluator, PoseDecode, TaskResult, decode_pose};
+use crate::report::tasks_table;
+use crate::world::World;
+
+/// What `--json` prints: the same keys as in `report.json`.
+#[derive(Serialize)]
+struct Evaluation {
+    tasks: Vec<TaskResult>,
+    pose_decode: PoseDecode,
+}
+
+/// Try a run's policies from random starts in the run's own world.
+pub fn evaluate(args: &EvaluateArgs) -> Ending {
+    let (learned, scenario) = match folder::learned(&args.run) {
+        Ok(found) => found,
+        Err(ending) => return ending,
+    };
+    let scenario = Arc::new(scenario);
+    let world = match World::new(&scenario) {
+        Ok(world) => Arc::new(world),
+        Err(error) => return Ending::failed(error),
+    };
+    let starts = args.starts.map_or(scenario.evaluate.starts, |starts| starts as usize);
+    let seed = args.seed.unwrap_or(scenario.seed);
+    let tasks = Evaluator::new(scenario.clone(), world.clone(), starts, seed).evaluate(&learned, true);
+    let result = Evaluation { tasks, pose_decode: decode_pose(&scenario, &world, &learned, seed) };
+    if args.json {
+        return print_json(&result);
+    }
+    print!("{}", tasks_table(&result.tasks, Some(&result.pose_decode)));
+    Ending::Done
+}

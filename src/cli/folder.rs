@@ -1,0 +1,96 @@
+//! Run folders: making a new one, and finding what a run left.
+
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+
+use super::Ending;
+use crate::agent::{CHECKPOINT_NAME, read_checkpoint};
+use crate::log::{LogReader, Record};
+use crate::policy::Learned;
+use crate::scenario::Scenario;
+
+/// Where runs go unless `--out` says otherwise.
+const RUNS: &str = "logs";
+
+/// Make the folder of a new run. Nothing that exists is touched.
+pub fn create(out: Option<&Path>, scenario: &Scenario) -> Result<PathBuf, Ending> {
+    if let Some(out) = out {
+        if let Some(parent) = out.parent() {
+            std::fs::create_dir_all(parent).map_err(|cause| cannot_create(out, &cause))?;
+        }
+        return match std::fs::create_dir(out) {
+            Ok(()) => Ok(out.to_owned()),
+            Err(cause) if cause.kind() == ErrorKind::AlreadyExists => {
+                let text = "exists already, and a run never overwrites anything: name another folder with --out";
+                Err(Ending::Usage(format!("{} {text}", out.display())))
+            }
+            Err(cause) => Err(cannot_create(out, &cause)),
+        };
+    }
+    let runs = Path::new(RUNS);
+    std::fs::create_dir_all(runs).map_err(|cause| cannot_create(runs, &cause))?;
+    let plain: String =
+        scenario.name.chars().map(|c| if c.is_alphanumeric() || "-_.".contains(c) { c } else { '_' }).collect();
+    for number in 1..100_000 {
+        let suffix = if number == 1 { String::new() } else { format!("-{number}") };
+        let path = runs.join(format!("{plain}-seed{}{suffix}", scenario.seed));
+        match std::fs::create_dir(&path) {
+            Ok(()) => return Ok(path),
+            Err(cause) if cause.kind() == ErrorKind::AlreadyExists => {}
+            Err(cause) => return Err(cannot_create(&path, &cause)),
+        }
+    }
+    Err(Ending::Failed(format!("{RUNS} holds too many runs of {plain}: name a folder with --out")))
+}
+
+fn cannot_create(path: &Path, cause: &std::io::Error) -> Ending {
+    Ending::Failed(format!("cannot create the folder {}: {cause}", path.display()))
+}
+
+/// The log files of a run folder in their order, or a log file itself.
+pub fn logs(run: &Path) -> Result<Vec<PathBuf>, Ending> {
+    if run.is_file() {
+        return Ok(vec![run.to_owned()]);
+    }
+    let entries = std::fs::read_dir(run)
+        .map_err(|cause| Ending::Failed(format!("cannot open the run {}: {cause}", run.display())))?;
+    let mut files: Vec<PathBuf> = entries
+        .filter_map(|entry| entry.ok().map(|entry| entry.path()))
+        .filter(|path| path.extension().is_some_and(|extension| extension == "mcap"))
+        .collect();
+    files.sort();
+    if files.is_empty() {
+        return Err(Ending::Failed(format!("{} holds no .mcap file: it is not a run folder", run.display())));
+    }
+    Ok(files)
+}
+
+/// What a run learned: from the checkpoint in its folder, or from the newest one in its log.
+pub fn learned(run: &Path) -> Result<(Learned, Scenario), Ending> {
+    let file = run.join(CHECKPOINT_NAME);
+    let (bytes, path) = if file.is_file() {
+        let bytes =
+            std::fs::read(&file).map_err(|cause| Ending::Failed(format!("cannot read {}: {cause}", file.display())))?;
+        (bytes, file)
+    } else {
+        newest_attachment(run)?
+    };
+    read_checkpoint(&bytes, &path).map_err(|error| Ending::Failed(format!("{}: {error}", path.display())))
+}
+
+fn newest_attachment(run: &Path) -> Result<(Vec<u8>, PathBuf), Ending> {
+    for path in logs(run)?.into_iter().rev() {
+        let mut newest = None;
+        for record in LogReader::open(&path).map_err(Ending::failed)? {
+            match record {
+                Ok(Record::Attachment { name, data, .. }) if name == CHECKPOINT_NAME => newest = Some(data),
+                Ok(_) => {}
+                Err(error) => eprintln!("{}: {error}", path.display()),
+            }
+        }
+        if let Some(bytes) = newest {
+            return Ok((bytes, path));
+        }
+    }
+    Err(Ending::Failed(format!("{} holds no checkpoint: the run ended before its first model", run.display())))
+}

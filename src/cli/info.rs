@@ -1,0 +1,82 @@
+//! `adagio info RUN`
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use super::{Ending, InfoArgs, folder, print_json};
+use crate::log::writer::METADATA_NAME;
+use crate::log::{Ending as LogEnding, summarise};
+use crate::report::Numbered;
+
+/// What `--json` prints: of each log file, and the run's report if there is one.
+#[derive(Serialize)]
+struct Info {
+    files: Vec<File>,
+    report: Option<serde_json::Value>,
+}
+
+#[derive(Serialize)]
+struct File {
+    file: String,
+    bytes: u64,
+    seconds: f64,
+    complete: bool,
+    messages: BTreeMap<String, u64>,
+    metadata: BTreeMap<String, String>,
+}
+
+/// Say what a run folder or log holds.
+pub fn info(args: &InfoArgs) -> Ending {
+    let paths = match folder::logs(&args.run) {
+        Ok(paths) => paths,
+        Err(ending) => return ending,
+    };
+    let mut files = Vec::new();
+    for path in paths {
+        match summarise(&path) {
+            Ok(mut summary) => files.push(File {
+                file: path.display().to_string(),
+                bytes: summary.bytes,
+                seconds: summary.stamps_ns.map_or(0.0, |(first, last)| (last - first) as f64 / 1e9),
+                complete: summary.ending == LogEnding::Complete,
+                messages: summary.messages,
+                metadata: summary.metadata.remove(METADATA_NAME).unwrap_or_default(),
+            }),
+            Err(error) => return Ending::failed(error),
+        }
+    }
+    let report = std::fs::read_to_string(args.run.join("report.json")).ok();
+    let report = report.and_then(|text| serde_json::from_str(&text).ok());
+    let info = Info { files, report };
+    if args.json {
+        return print_json(&info);
+    }
+    for file in &info.files {
+        let entry = |key: &str| file.metadata.get(key).map_or("unknown", String::as_str);
+        println!(
+            "{}: {}, seed {}, written by adagio {}",
+            file.file,
+            entry("scenario_name"),
+            entry("seed"),
+            entry("version")
+        );
+        println!(
+            "  {:.1} MB, {:.0} s of driving, {}",
+            file.bytes as f64 / 1e6,
+            file.seconds,
+            if file.complete { "complete" } else { "not closed" }
+        );
+        for (topic, count) in &file.messages {
+            println!("  {:>9}  {topic}", Numbered(*count));
+        }
+    }
+    if let Some(report) = &info.report {
+        let digest = report["digest"].as_str().unwrap_or("none");
+        println!("report: {} actions, digest {digest}", report["run"]["actions"]);
+        for task in report["tasks"].as_array().into_iter().flatten() {
+            println!("  {}: success {}", task["name"].as_str().unwrap_or("?"), task["success"]);
+        }
+    }
+    Ending::Done
+}

@@ -1,0 +1,150 @@
+//! The command line: one file per command.
+//!
+//! Results go to stdout, diagnostics and progress to stderr. Commands say how they ended; only `main` knows exit codes.
+
+mod check;
+mod evaluate;
+mod folder;
+mod info;
+mod progress;
+mod run;
+
+use std::path::PathBuf;
+use std::sync::atomic::AtomicBool;
+
+use clap::{Args, Parser, Subcommand};
+
+/// How a command ended.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Ending {
+    /// As it should.
+    Done,
+    /// It failed, for this reason.
+    Failed(String),
+    /// It was called wrongly, or its scenario is not valid.
+    Usage(String),
+    /// It finished, but data is damaged or missing.
+    DataLoss(String),
+}
+
+impl Ending {
+    fn failed(error: impl std::fmt::Display) -> Self {
+        Ending::Failed(error.to_string())
+    }
+}
+
+/// An agent that learns to navigate from a camera while it drives.
+#[derive(Debug, Parser)]
+#[command(name = "adagio", version, about, long_about = LONG_ABOUT, after_help = AFTER_HELP)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+const LONG_ABOUT: &str = "An agent that learns to navigate from a camera while it drives.
+
+A stream of frames grows a dictionary of support vectors; running sums over it are solved into slow features now and then; \
+a window of transitions over these features is solved into a policy; the robot acts on it; and everything is kept in one \
+MCAP log.";
+
+const AFTER_HELP: &str = "Start with: adagio run scenarios/smoke.toml
+Exit codes: 0 done, 1 failed, 2 wrong usage or an invalid scenario, 3 finished with data loss, 130 on a second Ctrl-C.";
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Explore, learn, act and log in one continuous run.
+    Run(RunArgs),
+    /// Check a scenario and print it with every default filled in, or check a run's log for damage.
+    Check(CheckArgs),
+    /// Say what a run folder or log holds.
+    Info(InfoArgs),
+    /// Try a run's policies from random starts.
+    Evaluate(EvaluateArgs),
+}
+
+/// Arguments of `adagio run`.
+#[derive(Debug, Args)]
+pub struct RunArgs {
+    /// Scenario file.
+    pub scenario: PathBuf,
+    /// Seed of all random streams (the same as --set seed=N).
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Actions after which the run ends (the same as --set actions=N).
+    #[arg(long, value_name = "N")]
+    pub actions: Option<u64>,
+    /// Folder for the run, which must not exist yet [default: a new one under logs/].
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Change a key of the scenario, such as dictionary.nu=0.02 or task.0.radius=0.3; repeatable.
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+    /// No progress on stderr.
+    #[arg(long)]
+    pub quiet: bool,
+    /// Print report.json instead of a table.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `adagio check`.
+#[derive(Debug, Args)]
+pub struct CheckArgs {
+    /// Scenario file, run folder or .mcap file.
+    pub target: PathBuf,
+    /// Change a key of the scenario; repeatable.
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+    /// Machine-readable result.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `adagio info`.
+#[derive(Debug, Args)]
+pub struct InfoArgs {
+    /// Run folder or .mcap file.
+    pub run: PathBuf,
+    /// Machine-readable result.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `adagio evaluate`.
+#[derive(Debug, Args)]
+pub struct EvaluateArgs {
+    /// Run folder or .mcap file.
+    pub run: PathBuf,
+    /// Random starts per task [default: as in the scenario].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    pub starts: Option<u64>,
+    /// Seed of the starts and of all noise [default: as in the scenario].
+    #[arg(long, value_name = "S")]
+    pub seed: Option<u64>,
+    /// Machine-readable result.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Do what the command line says; `stop` ends a run cleanly when it is set.
+pub fn dispatch(cli: Cli, stop: &AtomicBool) -> Ending {
+    match cli.command {
+        Command::Run(args) => run::run(&args, stop),
+        Command::Check(args) => check::check(&args),
+        Command::Info(args) => info::info(&args),
+        Command::Evaluate(args) => evaluate::evaluate(&args),
+    }
+}
+
+/// A value as readable JSON on stdout.
+fn print_json(value: &impl serde::Serialize) -> Ending {
+    match serde_json::to_string_pretty(value) {
+        Ok(text) => {
+            println!("{text}");
+            Ending::Done
+        }
+        Err(error) => Ending::failed(error),
+    }
+}

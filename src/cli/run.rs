@@ -1,0 +1,101 @@
+//! `adagio run SCENARIO`
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use super::{Ending, RunArgs, folder, print_json, progress};
+use crate::agent::{self, CHECKPOINT_NAME, Outcome, RunOptions, Status, checkpoint_bytes, write_checkpoint};
+use crate::evaluate::{Evaluator, decode_pose};
+use crate::log::{LogOptions, LogWriter};
+use crate::report::{Program, Report, table};
+use crate::scenario::{Scenario, ScenarioError};
+use crate::source::Simulated;
+use crate::world::World;
+
+/// Run a scenario in a new folder, evaluate what was learned, and write the report.
+pub fn run(args: &RunArgs, stop: &AtomicBool) -> Ending {
+    let mut sets = args.set.clone();
+    sets.extend(args.seed.map(|seed| format!("seed={seed}")));
+    sets.extend(args.actions.map(|actions| format!("actions={actions}")));
+    let scenario = match load(&args.scenario, &sets) {
+        Ok(scenario) => Arc::new(scenario),
+        Err(ending) => return ending,
+    };
+    let run = match folder::create(args.out.as_deref(), &scenario) {
+        Ok(run) => run,
+        Err(ending) => return ending,
+    };
+    match in_folder(&scenario, &run, args, stop) {
+        Ok(report) if args.json => print_json(&report),
+        Ok(report) => {
+            print!("{}", table(&report));
+            println!("kept in {}", run.display());
+            Ending::Done
+        }
+        Err(reason) => Ending::Failed(format!("{reason}\nwhat was recorded is kept in {}", run.display())),
+    }
+}
+
+/// Read a scenario; a file that cannot be read, or is not valid, is wrong usage.
+pub fn load(path: &Path, sets: &[String]) -> Result<Scenario, Ending> {
+    Scenario::load(path, sets).map_err(|error: ScenarioError| Ending::Usage(error.to_string()))
+}
+
+fn in_folder(scenario: &Arc<Scenario>, run: &Path, args: &RunArgs, stop: &AtomicBool) -> Result<Report, String> {
+    let text = |error: &dyn std::fmt::Display| error.to_string();
+    let write = |name: &str, bytes: &[u8]| {
+        let path = run.join(name);
+        std::fs::write(&path, bytes).map_err(|cause| format!("cannot write {}: {cause}", path.display()))
+    };
+    write("scenario.toml", scenario.text.as_bytes())?;
+    let options = LogOptions {
+        compression: scenario.log.compression,
+        chunk_bytes: scenario.log.chunk_bytes as u64,
+        flush_interval: Duration::from_secs_f64(scenario.log.flush_seconds),
+    };
+    let log = LogWriter::create(&run.join("run_000.mcap"), &options, &metadata(scenario)).map_err(|e| text(&e))?;
+    let world = Arc::new(World::new(scenario).map_err(|e| text(&e))?);
+    let starts = scenario.evaluate.starts;
+    let evaluator = Evaluator::new(scenario.clone(), world.clone(), starts, scenario.seed);
+    let mut source = Simulated::new(scenario.clone(), world.clone());
+    let (status, over) = (Status::default(), AtomicBool::new(false));
+    let outcome = std::thread::scope(|scope| {
+        if !args.quiet {
+            scope.spawn(|| progress::show(&status, scenario.actions as u64, &over));
+        }
+        let options = RunOptions { stop, status: &status, evaluator: Some(&evaluator) };
+        let outcome = agent::run(scenario, &mut source, log, &options);
+        over.store(true, Ordering::Relaxed);
+        outcome
+    });
+    let outcome: Outcome = outcome.map_err(|e| text(&e))?;
+    let (mut tasks, mut pose) = (Vec::new(), None);
+    if let Some(learned) = &outcome.learned {
+        let bytes = checkpoint_bytes(learned, scenario).map_err(|e| text(&e))?;
+        write_checkpoint(&run.join(CHECKPOINT_NAME), &bytes).map_err(|e| text(&e))?;
+        if !args.quiet {
+            eprintln!("evaluating {starts} starts per task, with and without reflexes");
+        }
+        tasks = evaluator.evaluate(learned, true);
+        pose = Some(decode_pose(scenario, &world, learned, scenario.seed));
+    }
+    let report = Report::new(scenario, &outcome, tasks, pose);
+    let json = serde_json::to_string_pretty(&report).map_err(|e| text(&e))?;
+    write("report.json", json.as_bytes())?;
+    Ok(report)
+}
+
+fn metadata(scenario: &Scenario) -> BTreeMap<String, String> {
+    let program = Program::this();
+    BTreeMap::from([
+        ("scenario".to_owned(), scenario.text.clone()),
+        ("scenario_name".to_owned(), scenario.name.clone()),
+        ("scenario_sha256".to_owned(), scenario.sha256()),
+        ("seed".to_owned(), scenario.seed.to_string()),
+        ("version".to_owned(), program.version.to_owned()),
+        ("commit".to_owned(), program.commit.unwrap_or("unknown").to_owned()),
+    ])
+}

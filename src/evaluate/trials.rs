@@ -1,0 +1,261 @@
+//! Trials: from random starts to a goal, many side by side.
+
+use std::sync::Arc;
+
+use faer::Par;
+use nalgebra::Point2;
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::{draw_pose, wilson_low};
+use crate::policy::{Learned, Recent, Reflexes, columns, optimal_steps, reference_action};
+use crate::random::stream;
+use crate::scenario::{Scenario, Task};
+use crate::vision::{Observation, observe};
+use crate::world::{Action, Pose, Robot, Sensor, World, in_goal};
+
+/// Results of one task, as in `report.json`.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct TaskResult {
+    /// The task's name.
+    pub name: String,
+    /// Number of trials.
+    pub starts: usize,
+    /// Share of trials that arrived.
+    pub success: f64,
+    /// Lower end of its 95 % Wilson interval.
+    pub success_wilson_low: f64,
+    /// Steps of the trials that arrived, mean; `None` if none did.
+    pub mean_steps: Option<f64>,
+    /// Optimal steps from the same starts, mean.
+    pub optimal_mean_steps: f64,
+    /// Steps beyond the optimal ones, mean over the trials that arrived.
+    pub extra_steps: Option<f64>,
+    /// Mean of γ^(steps − optimal steps), where trials that failed count 0.
+    pub convergence_quality: f64,
+    /// Share of trials in which the thesis's reference policy arrives from the same starts.
+    pub reference_success: f64,
+    /// Sequences left–right–left–right (or the reverse) per 1000 actions.
+    pub dithers_per_1000: f64,
+    /// The same starts without reflexes.
+    pub without_reflexes: Option<Unaided>,
+}
+
+/// What the policy reaches without reflexes.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Unaided {
+    /// Share of trials that arrived.
+    pub success: f64,
+    /// Steps of the trials that arrived, mean.
+    pub mean_steps: Option<f64>,
+    /// Mean of γ^(steps − optimal steps), where trials that failed count 0.
+    pub convergence_quality: f64,
+    /// Sequences left–right–left–right per 1000 actions.
+    pub dithers_per_1000: f64,
+}
+
+/// A robot on its way.
+struct Trial {
+    index: usize,
+    robot: Robot,
+    sensor: Sensor,
+    recent: Recent,
+    actions: Vec<Action>,
+    arrived: bool,
+}
+
+/// Outcome of the trials of one task.
+struct Outcome {
+    /// Steps of each trial; `None` if it did not arrive.
+    steps: Vec<Option<usize>>,
+    dithers: usize,
+    actions: usize,
+}
+
+/// Fixed starts of all tasks, with their optimal steps.
+pub struct Evaluator {
+    scenario: Arc<Scenario>,
+    world: Arc<World>,
+    seed: u64,
+    starts: Vec<Vec<Pose>>,
+    optimal: Vec<Vec<usize>>,
+    reference: Vec<f64>,
+}
+
+impl Evaluator {
+    /// Draw `starts` starts per task, outside its goal, and search their optimal steps.
+    pub fn new(scenario: Arc<Scenario>, world: Arc<World>, starts: usize, seed: u64) -> Self {
+        let mut evaluator =
+            Evaluator { scenario, world, seed, starts: Vec::new(), optimal: Vec::new(), reference: Vec::new() };
+        let most = evaluator.scenario.evaluate.max_steps;
+        for task in &evaluator.scenario.tasks {
+            let mut rng = stream(seed, &format!("evaluate: starts of {}", task.name));
+            let plan = &evaluator.world.plan;
+            let poses: Vec<Pose> =
+                (0..starts).map(|_| draw_pose(plan, &mut rng, |position| in_goal(task, position))).collect();
+            let optimal = poses
+                .par_iter()
+                .map(|&pose| {
+                    let found = optimal_steps(&evaluator.world.arena, &evaluator.scenario.robot, task, pose, most);
+                    found.unwrap_or(most)
+                })
+                .collect();
+            evaluator.starts.push(poses);
+            evaluator.optimal.push(optimal);
+        }
+        evaluator.reference = (0..evaluator.starts.len()).map(|task| evaluator.reference_success(task)).collect();
+        evaluator
+    }
+
+    /// Results of all tasks; `without_reflexes`: also run the trials of the policy alone.
+    pub fn evaluate(&self, learned: &Learned, without_reflexes: bool) -> Vec<TaskResult> {
+        let reflexes = Reflexes::new(&self.scenario.policy);
+        (0..self.starts.len())
+            .map(|task| {
+                let outcome = self.run(learned, task, reflexes);
+                let unaided = without_reflexes.then(|| self.run(learned, task, Reflexes::OFF));
+                self.result(task, &outcome, unaided.as_ref())
+            })
+            .collect()
+    }
+
+    fn result(&self, task: usize, outcome: &Outcome, unaided: Option<&Outcome>) -> TaskResult {
+        let optimal = &self.optimal[task];
+        let n = optimal.len();
+        let arrived = outcome.steps.iter().flatten().count();
+        let extra: Vec<f64> = outcome
+            .steps
+            .iter()
+            .zip(optimal)
+            .filter_map(|(steps, &best)| steps.map(|steps| steps as f64 - best as f64))
+            .collect();
+        TaskResult {
+            name: self.scenario.tasks[task].name.clone(),
+            starts: n,
+            success: arrived as f64 / n as f64,
+            success_wilson_low: wilson_low(arrived, n),
+            mean_steps: outcome.mean_steps(),
+            optimal_mean_steps: optimal.iter().sum::<usize>() as f64 / n as f64,
+            extra_steps: (arrived > 0).then(|| extra.iter().sum::<f64>() / arrived as f64),
+            convergence_quality: self.quality(task, outcome),
+            reference_success: self.reference[task],
+            dithers_per_1000: outcome.dithers_per_1000(),
+            without_reflexes: unaided.map(|outcome| Unaided {
+                success: outcome.steps.iter().flatten().count() as f64 / n as f64,
+                mean_steps: outcome.mean_steps(),
+                convergence_quality: self.quality(task, outcome),
+                dithers_per_1000: outcome.dithers_per_1000(),
+            }),
+        }
+    }
+
+    /// The thesis's convergence quality (definition *conv_qual*), against the optimal number of steps.
+    fn quality(&self, task: usize, outcome: &Outcome) -> f64 {
+        let gamma = self.scenario.value.gamma;
+        let ratios = outcome
+            .steps
+            .iter()
+            .zip(&self.optimal[task])
+            .map(|(steps, &best)| steps.map_or(0.0, |steps| gamma.powi(steps as i32 - best as i32)));
+        ratios.sum::<f64>() / outcome.steps.len() as f64
+    }
+
+    /// All trials of a task, one step of all of them at a time, so that features are computed in blocks.
+    fn run(&self, learned: &Learned, task: usize, reflexes: Reflexes) -> Outcome {
+        let mut trials = self.begin(task);
+        for _ in 0..self.scenario.evaluate.max_steps {
+            let mut active: Vec<&mut Trial> = trials.iter_mut().filter(|trial| !trial.arrived).collect();
+            if active.is_empty() {
+                break;
+            }
+            let seen: Vec<Observation> = active.par_iter_mut().map(|trial| self.look(trial)).collect();
+            let q = learned.q_values(columns(seen.iter()).as_ref(), task, Par::Seq);
+            for (j, trial) in active.iter_mut().enumerate() {
+                let values = [q[(0, j)], q[(1, j)], q[(2, j)]];
+                let (action, _) = reflexes.best(values, trial.recent);
+                self.act(trial, action, &self.scenario.tasks[task]);
+            }
+        }
+        Outcome::new(&trials)
+    }
+
+    fn reference_success(&self, task: usize) -> f64 {
+        let goal = Point2::from(self.scenario.tasks[task].goal);
+        let mut trials = self.begin(task);
+        for trial in &mut trials {
+            while !trial.arrived && trial.actions.len() < self.scenario.evaluate.max_steps {
+                let action = reference_action(&trial.robot.pose, goal);
+                self.act(trial, action, &self.scenario.tasks[task]);
+            }
+        }
+        trials.iter().filter(|trial| trial.arrived).count() as f64 / trials.len() as f64
+    }
+
+    /// Robots at the starts, each with noise of its own, the same for every policy.
+    fn begin(&self, task: usize) -> Vec<Trial> {
+        let name = &self.scenario.tasks[task].name;
+        let begin = |(index, &pose): (usize, &Pose)| {
+            let noise = |what: &str| stream(self.seed, &format!("evaluate: {what} of {name}, trial {index}"));
+            let robot = Robot::new(&self.scenario.robot, pose, noise("motion"));
+            let sensor = Sensor::new(&self.scenario.camera, self.scenario.robot.frame_seconds(), noise("camera"));
+            Trial { index, robot, sensor, recent: Recent::default(), actions: Vec::new(), arrived: false }
+        };
+        self.starts[task].iter().enumerate().map(begin).collect()
+    }
+
+    fn look(&self, trial: &mut Trial) -> Observation {
+        let mut image = self.world.camera.render(&trial.robot.pose);
+        trial.sensor.expose(&mut image);
+        observe(&image, &self.scenario.vision, trial.index as u64)
+    }
+
+    fn act(&self, trial: &mut Trial, action: Action, task: &Task) {
+        let motion = trial.robot.draw(action);
+        let mut blocked = false;
+        for _ in 0..self.scenario.robot.frames_per_action {
+            blocked |= trial.robot.drive(motion, &self.world.arena);
+        }
+        trial.actions.push(action);
+        trial.recent = Recent { action: Some(action), blocked };
+        trial.arrived = in_goal(task, trial.robot.pose.position);
+    }
+}
+
+impl Outcome {
+    fn new(trials: &[Trial]) -> Self {
+        Outcome {
+            steps: trials.iter().map(|trial| trial.arrived.then_some(trial.actions.len())).collect(),
+            dithers: trials.iter().map(|trial| dithers(&trial.actions)).sum(),
+            actions: trials.iter().map(|trial| trial.actions.len()).sum(),
+        }
+    }
+
+    fn mean_steps(&self) -> Option<f64> {
+        let steps: Vec<usize> = self.steps.iter().flatten().copied().collect();
+        (!steps.is_empty()).then(|| steps.iter().sum::<usize>() as f64 / steps.len() as f64)
+    }
+
+    fn dithers_per_1000(&self) -> f64 {
+        1000.0 * self.dithers as f64 / self.actions.max(1) as f64
+    }
+}
+
+/// Number of places where a sequence of actions goes left–right–left–right or the reverse.
+fn dithers(actions: &[Action]) -> usize {
+    let turns = |four: &[Action]| four.windows(2).all(|pair| pair[0].opposite() == Some(pair[1]));
+    actions.windows(4).filter(|four| turns(four)).count()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dithers_are_four_turns_to_and_fro() {
+        use Action::{Forward as F, TurnLeft as L, TurnRight as R};
+        assert_eq!(dithers(&[L, R, L, R]), 1);
+        assert_eq!(dithers(&[R, L, R, L, R, F]), 2);
+        assert_eq!(dithers(&[L, R, L, F, R, L, L, R]), 0);
+        assert_eq!(dithers(&[F, F, F, F]), 0);
+    }
+}

@@ -1,0 +1,147 @@
+//! The records of a file as they lie in it: a kind, a length, a body.
+
+use std::io::{self, Read};
+
+use mcap::{MAGIC, records::op};
+
+use crate::log::{MAX_ATTACHMENT_BYTES, MAX_RECORD_BYTES};
+
+/// Bytes before a record's body: its kind and the body's length.
+pub(super) const HEAD: usize = 1 + 8;
+
+/// What comes next in a file.
+pub(super) enum Next {
+    /// A record, which is now in [`Frames::record`].
+    Record,
+    /// The end of a complete log.
+    Complete,
+    /// The end of the file where a record could start.
+    NoFooter,
+    /// The file cannot be followed further.
+    Lost(String),
+    /// The operating system failed.
+    Failed(io::Error),
+}
+
+/// Steps through a file's records, with one of them in memory.
+pub(super) struct Frames<R> {
+    source: R,
+    /// Where the current record starts, and where the next one does.
+    offset: u64,
+    next_offset: u64,
+    record: Vec<u8>,
+    /// Attachments are stepped over and not loaded.
+    pub(super) skip_attachments: bool,
+}
+
+impl<R: Read> Frames<R> {
+    pub(super) fn new(source: R) -> Self {
+        Self { source, offset: 0, next_offset: 0, record: Vec::new(), skip_attachments: false }
+    }
+
+    /// Where the current record starts, bytes from the start of the file.
+    pub(super) fn offset(&self) -> u64 {
+        self.offset
+    }
+
+    /// The current record with its head.
+    pub(super) fn record(&self) -> &[u8] {
+        &self.record
+    }
+
+    /// Kind and body of the current record.
+    pub(super) fn parts(&self) -> (u8, &[u8]) {
+        match self.record.split_at_checked(HEAD) {
+            Some((head, body)) => (head[0], body),
+            None => (0, &[]),
+        }
+    }
+
+    /// Steps to the next record.
+    pub(super) fn advance(&mut self) -> Next {
+        match self.step() {
+            Ok(next) => next,
+            Err(cause) => Next::Failed(cause),
+        }
+    }
+
+    fn step(&mut self) -> io::Result<Next> {
+        if self.next_offset == 0 {
+            match self.fill(MAGIC.len() as u64)? {
+                0 => return Ok(Next::NoFooter),
+                _ if self.record == MAGIC => {}
+                _ => {
+                    let cause = "it does not start with the eight bytes of an MCAP file";
+                    return Ok(Next::Lost(cause.into()));
+                }
+            }
+        } else if self.parts().0 == op::FOOTER {
+            return self.end();
+        }
+        loop {
+            let found = self.fill(HEAD as u64)?;
+            let Ok(head) = <[u8; HEAD]>::try_from(self.record.as_slice()) else {
+                return Ok(match found {
+                    0 => Next::NoFooter,
+                    _ => Next::Lost(format!("the file ends after {found} bytes of a record")),
+                });
+            };
+            let [kind, length @ ..] = head;
+            let length = u64::from_le_bytes(length);
+            let limit = match kind {
+                // Neither is ever written: whatever stands here is no record.
+                0 | 0x10..=0x7f => {
+                    return Ok(Next::Lost(format!("{kind:#04x} is no kind of record")));
+                }
+                op::ATTACHMENT => MAX_ATTACHMENT_BYTES,
+                _ => MAX_RECORD_BYTES,
+            };
+            if length > limit {
+                return Ok(Next::Lost(format!(
+                    "a record of kind {kind:#04x} claims {length} bytes, more than the limit of {limit}"
+                )));
+            }
+            let skip = self.skip_attachments && kind == op::ATTACHMENT;
+            let body = if skip {
+                let copied = io::copy(&mut self.source.by_ref().take(length), &mut io::sink())?;
+                self.next_offset += copied;
+                copied
+            } else {
+                self.append(length)?
+            };
+            if body < length {
+                return Ok(Next::Lost(format!("the file ends after {body} of a record's {length} bytes")));
+            }
+            if !skip {
+                return Ok(Next::Record);
+            }
+        }
+    }
+
+    /// What follows the footer: the eight bytes again, and nothing more.
+    fn end(&mut self) -> io::Result<Next> {
+        self.fill(MAGIC.len() as u64)?;
+        if self.record != MAGIC {
+            let cause = "the eight bytes that end an MCAP file are missing after the footer";
+            return Ok(Next::Lost(cause.into()));
+        }
+        Ok(match self.fill(1)? {
+            0 => Next::Complete,
+            _ => Next::Lost("there are bytes after the end of the log".into()),
+        })
+    }
+
+    /// Reads the next bytes in place of the record; fewer only at the end of the file.
+    fn fill(&mut self, length: u64) -> io::Result<u64> {
+        self.record.clear();
+        self.offset = self.next_offset;
+        self.append(length)
+    }
+
+    /// Adds bytes to the record. Memory grows with what is read and not with what is claimed.
+    fn append(&mut self, length: u64) -> io::Result<u64> {
+        let read = self.source.by_ref().take(length).read_to_end(&mut self.record)? as u64;
+        self.next_offset += read;
+        Ok(read)
+    }
+}

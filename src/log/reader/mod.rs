@@ -1,0 +1,231 @@
+//! Reads a log, also a damaged or unfinished one, record by record.
+//!
+//! Memory is bounded by one record (see [`MAX_RECORD_BYTES`](super::MAX_RECORD_BYTES)) whatever
+//! the file says. No bytes make it panic. A damaged chunk costs that chunk: it is reported as an
+//! error, and reading goes on behind it as long as the file's records can be told apart.
+
+mod chunk;
+mod definitions;
+mod frames;
+mod lengths;
+
+use std::{
+    collections::BTreeMap,
+    fs::File,
+    io::{BufReader, Read},
+    path::Path,
+    sync::Arc,
+};
+
+use mcap::records::op;
+
+use self::{
+    chunk::Chunk,
+    definitions::Definitions,
+    frames::{Frames, Next},
+};
+use super::{LogError, Message, cdr};
+
+/// A record of a log.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Record {
+    /// A message.
+    Message {
+        /// Its topic.
+        topic: Arc<str>,
+        /// Its type, for example `sensor_msgs/msg/Image`.
+        schema: Arc<str>,
+        /// Its sequence number on the topic.
+        sequence: u32,
+        /// When it was logged, nanoseconds.
+        log_time_ns: u64,
+        /// Its body, CDR.
+        data: Vec<u8>,
+    },
+    /// Texts about the run.
+    Metadata {
+        /// Name of the record.
+        name: String,
+        /// Keys and values.
+        map: BTreeMap<String, String>,
+    },
+    /// A file within the log.
+    Attachment {
+        /// Its name.
+        name: String,
+        /// Its kind, for example `application/json`.
+        media_type: String,
+        /// Its content.
+        data: Vec<u8>,
+    },
+}
+
+impl Record {
+    /// Decodes a message.
+    ///
+    /// # Errors
+    /// [`LogError::WrongType`] if the record is no message or one of another type,
+    /// [`LogError::Decode`] if its bytes are not such a message.
+    pub fn decode<M: Message>(&self) -> Result<M, LogError> {
+        let (record, found) = match self {
+            Self::Message { schema, data, .. } if **schema == *M::TYPE => return cdr::decode(data),
+            Self::Message { topic, schema, sequence, .. } => {
+                (format!("message {sequence} on {topic}"), schema.to_string())
+            }
+            Self::Metadata { name, .. } => (format!("record {name}"), "metadata".to_owned()),
+            Self::Attachment { name, media_type, .. } => {
+                (format!("record {name}"), format!("an attachment of type {media_type}"))
+            }
+        };
+        Err(LogError::WrongType { record, found, wanted: M::TYPE })
+    }
+}
+
+/// How a log ended.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Ending {
+    /// It was finished, and all of it was read.
+    Complete,
+    /// It stops between two records: the run was killed, or is still going on.
+    NoFooter,
+    /// Bytes are wrong or missing. What came before was read, and as much as possible behind.
+    Damaged {
+        /// Where the first damaged record starts, bytes from the start of the file.
+        offset: u64,
+        /// What is wrong with it.
+        cause: String,
+    },
+}
+
+/// Reads a log; iterate over it.
+///
+/// An error is no end: the iterator goes on behind it where it can, and ends when it cannot.
+pub struct LogReader<R = BufReader<File>> {
+    log: String,
+    frames: Frames<R>,
+    chunk: Chunk,
+    in_chunk: bool,
+    definitions: Definitions,
+    damage: Option<Ending>,
+    ending: Option<Ending>,
+}
+
+impl LogReader {
+    /// Opens a log file.
+    ///
+    /// # Errors
+    /// [`LogError::Open`]. That it is no log shows as damage when it is read.
+    pub fn open(path: &Path) -> Result<Self, LogError> {
+        let log = path.display().to_string();
+        match File::open(path) {
+            Ok(file) => Ok(Self::new(BufReader::with_capacity(1 << 16, file), &log)),
+            Err(cause) => Err(LogError::Open { log, cause }),
+        }
+    }
+}
+
+impl<R: Read> LogReader<R> {
+    /// Reads a log from anywhere; `log` names it in errors.
+    pub fn new(source: R, log: &str) -> Self {
+        Self {
+            log: log.to_owned(),
+            frames: Frames::new(source),
+            chunk: Chunk::none(),
+            in_chunk: false,
+            definitions: Definitions::default(),
+            damage: None,
+            ending: None,
+        }
+    }
+
+    /// Steps over attachments, which may be large.
+    #[must_use]
+    pub fn without_attachments(mut self) -> Self {
+        self.frames.skip_attachments = true;
+        self
+    }
+
+    /// How the log ended; `None` until the iterator has.
+    pub fn ending(&self) -> Option<&Ending> {
+        self.ending.as_ref()
+    }
+
+    /// Notes damage at the current record; the first one becomes the ending.
+    fn damaged(&mut self, cause: String) -> LogError {
+        let offset = self.frames.offset();
+        self.damage.get_or_insert_with(|| Ending::Damaged { offset, cause: cause.clone() });
+        LogError::Damaged { log: self.log.clone(), offset, cause }
+    }
+
+    fn end(&mut self, ending: Ending) {
+        self.ending = Some(self.damage.clone().unwrap_or(ending));
+    }
+
+    /// The next record of the open chunk that is for the user; `None` at the chunk's end.
+    fn next_in_chunk(&mut self) -> Option<Result<Record, LogError>> {
+        while self.in_chunk {
+            let definitions = &mut self.definitions;
+            match self.chunk.next(|kind, body| definitions.take(kind, body)) {
+                Some(Ok(Ok(Some(record)))) => return Some(Ok(record)),
+                Some(Ok(Ok(None))) => {}
+                // One record is wrong, but the chunk can be followed.
+                Some(Ok(Err(cause))) => return Some(Err(self.damaged(cause))),
+                Some(Err(cause)) => {
+                    self.in_chunk = false;
+                    return Some(Err(self.damaged(cause)));
+                }
+                None => self.in_chunk = false,
+            }
+        }
+        None
+    }
+}
+
+impl<R: Read> Iterator for LogReader<R> {
+    type Item = Result<Record, LogError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        while self.ending.is_none() {
+            if let Some(item) = self.next_in_chunk() {
+                return Some(item);
+            }
+            match self.frames.advance() {
+                Next::Record => {}
+                Next::Complete => {
+                    self.end(Ending::Complete);
+                    continue;
+                }
+                Next::NoFooter => {
+                    self.end(Ending::NoFooter);
+                    continue;
+                }
+                Next::Lost(cause) => {
+                    let error = self.damaged(cause);
+                    self.end(Ending::NoFooter);
+                    return Some(Err(error));
+                }
+                Next::Failed(cause) => {
+                    let offset = self.frames.offset();
+                    self.damaged(cause.to_string());
+                    self.end(Ending::NoFooter);
+                    let log = self.log.clone();
+                    return Some(Err(LogError::Read { log, offset, cause }));
+                }
+            }
+            let (kind, body) = self.frames.parts();
+            let taken = if kind == op::CHUNK {
+                let started = self.chunk.start(self.frames.record());
+                self.in_chunk = started.is_ok();
+                started.map(|()| None)
+            } else {
+                self.definitions.take(kind, body)
+            };
+            match taken {
+                Ok(Some(record)) => return Some(Ok(record)),
+                Ok(None) => {}
+                Err(cause) => return Some(Err(self.damaged(cause))),
+            }
+        }
+        None
+    }
+}

@@ -1,0 +1,111 @@
+//! The table of topics: what a log holds, under which name and as which message.
+//!
+//! A [`Topic`] carries its message type, so that a message of another type on it does not compile.
+
+use std::{fmt, marker::PhantomData};
+
+use super::Message;
+use super::messages::{
+    Decision, DictionaryGrowth, Evaluation, Health, Image, LaserScan, Log, ModelUpdate, Odometry, PolicyUpdate,
+    PoseStamped, Transition, TwistStamped,
+};
+
+/// A topic whose messages are of type `M`.
+pub struct Topic<M> {
+    name: &'static str,
+    // `fn() -> M` and not `M`: a topic holds no message, so it can be sent and copied whatever M is.
+    message: PhantomData<fn() -> M>,
+}
+
+impl<M: Message> Topic<M> {
+    /// A topic of this name. A log accepts those of [`ALL`] only.
+    pub const fn new(name: &'static str) -> Self {
+        Self { name, message: PhantomData }
+    }
+
+    /// The name, which starts with a slash.
+    pub const fn name(&self) -> &'static str {
+        self.name
+    }
+
+    const fn info(&self) -> TopicInfo {
+        TopicInfo { name: self.name, message: M::TYPE, definition: M::DEFINITION }
+    }
+}
+
+// By hand: derived ones would ask for the same of `M`.
+impl<M> Clone for Topic<M> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+
+impl<M> Copy for Topic<M> {}
+
+impl<M> fmt::Debug for Topic<M> {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(formatter, "Topic({})", self.name)
+    }
+}
+
+/// A topic without its type, as a row of [`ALL`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TopicInfo {
+    /// The name, which starts with a slash.
+    pub name: &'static str,
+    /// The message type ([`Message::TYPE`]).
+    pub message: &'static str,
+    /// Its definition ([`Message::DEFINITION`]).
+    pub definition: &'static str,
+}
+
+/// Declares each topic as a constant and [`ALL`] as their list, so that none can be left out.
+macro_rules! topics {
+    ($($(#[$doc:meta])* $constant:ident: $message:ident = $name:literal;)+) => {
+        $($(#[$doc])* pub const $constant: Topic<$message> = Topic::new($name);)+
+
+        /// Every topic of a log; each log has a channel for each, also while it is silent.
+        pub const ALL: &[TopicInfo] = &[$($constant.info()),+];
+    };
+}
+
+topics! {
+    /// What the agent sees; the sequence number is the frame's.
+    OBSERVATION: Image = "/camera/observation";
+    /// Where the robot is in truth (simulation) or by an outside measurement.
+    POSE: PoseStamped = "/pose";
+    /// Where the robot thinks that it is.
+    ODOMETRY: Odometry = "/odom";
+    /// Distances to obstacles.
+    SONAR: LaserScan = "/sonar";
+    /// Velocity that was commanded.
+    COMMAND: TwistStamped = "/cmd_vel";
+    /// Actions chosen.
+    DECISION: Decision = "/adagio/decision";
+    /// Actions completed.
+    TRANSITION: Transition = "/adagio/transition";
+    /// Growth of the dictionary.
+    DICTIONARY: DictionaryGrowth = "/adagio/dictionary";
+    /// New feature models.
+    MODEL: ModelUpdate = "/adagio/model";
+    /// New policies.
+    POLICY: PolicyUpdate = "/adagio/policy";
+    /// Policies tried out.
+    EVALUATION: Evaluation = "/adagio/evaluation";
+    /// The program's own state.
+    HEALTH: Health = "/adagio/health";
+    /// Diagnostics as text.
+    DIAGNOSTICS: Log = "/rosout";
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_unique_and_absolute() {
+        let names: std::collections::BTreeSet<_> = ALL.iter().map(|topic| topic.name).collect();
+        assert_eq!(names.len(), ALL.len());
+        assert!(names.iter().all(|name| name.starts_with('/')));
+    }
+}

@@ -1,0 +1,39 @@
+//! The program: parse, dispatch, exit code.
+
+use std::process::{ExitCode, exit};
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use adagio::cli::{Cli, Ending, dispatch};
+use clap::Parser;
+
+/// The command failed.
+const FAILED: u8 = 1;
+/// Wrong usage, or an invalid scenario (clap uses the same).
+const USAGE: u8 = 2;
+/// The command finished, but data is damaged or missing.
+const DATA_LOSS: u8 = 3;
+/// A second Ctrl-C: ended at once.
+const INTERRUPTED: i32 = 130;
+
+static STOP: AtomicBool = AtomicBool::new(false);
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let handler = ctrlc::set_handler(|| {
+        if STOP.swap(true, Ordering::Relaxed) {
+            exit(INTERRUPTED);
+        }
+        eprintln!("finishing: the log is closed and the report written; Ctrl-C again to end at once");
+    });
+    if let Err(error) = handler {
+        eprintln!("Ctrl-C will end this at once: {error}");
+    }
+    let (code, text) = match dispatch(cli, &STOP) {
+        Ending::Done => return ExitCode::SUCCESS,
+        Ending::Failed(text) => (FAILED, text),
+        Ending::Usage(text) => (USAGE, text),
+        Ending::DataLoss(text) => (DATA_LOSS, text),
+    };
+    eprintln!("adagio: {text}");
+    ExitCode::from(code)
+}

@@ -1,0 +1,88 @@
+//! What was learned: slow features and, for each task, the worth of each action.
+
+use faer::{Mat, MatRef, Par};
+use sha2::{Digest, Sha256};
+
+use crate::scenario::hex;
+use crate::slow::SlowModel;
+use crate::vision::Observation;
+
+/// Features of one epoch, and the policies that were fitted on them.
+#[derive(Debug, Clone)]
+pub struct Learned {
+    /// Number of the model, from 1. Weights of one epoch are never used with features of another.
+    pub epoch: u32,
+    /// Frame at which the model was asked for; it knows the frames up to it.
+    pub asked_at: u64,
+    /// Frames that the model was made of.
+    pub frames: u64,
+    /// Slow features.
+    pub model: SlowModel<f32>,
+    /// Q-weights of each task, `f × 3`: `Q(x, a) = φ(x)ᵀ w_a`.
+    pub weights: Vec<Mat<f64>>,
+}
+
+/// Observations as the columns of a matrix, `d × n`, in the whole numbers that kernels are exact on.
+pub fn columns<'a>(observations: impl ExactSizeIterator<Item = &'a Observation>) -> Mat<f32> {
+    let n = observations.len();
+    let mut x = Mat::new();
+    for (j, observation) in observations.enumerate() {
+        if j == 0 {
+            x = Mat::zeros(observation.pixels.len(), n);
+        }
+        for (entry, value) in x.col_mut(j).iter_mut().zip(observation.values()) {
+            *entry = value;
+        }
+    }
+    x
+}
+
+impl Learned {
+    /// Q-values of observations for one task: `x: d × n` gives `3 × n`.
+    pub fn q_values(&self, x: MatRef<'_, f32>, task: usize, par: Par) -> Mat<f64> {
+        self.weights[task].transpose() * self.model.apply(x, par)
+    }
+
+    /// Q-values of one observation for one task.
+    pub fn q_values_of(&self, observation: &Observation, task: usize) -> [f64; 3] {
+        let q = self.q_values(columns([observation].into_iter()).as_ref(), task, Par::Seq);
+        [q[(0, 0)], q[(1, 0)], q[(2, 0)]]
+    }
+
+    /// A hash over dictionary, features and policy weights, bit by bit.
+    pub fn digest(&self) -> String {
+        let mut hash = Sha256::new();
+        hash.update(self.model_digest_input());
+        for weights in &self.weights {
+            hash.update(bytes_of(weights.as_ref()));
+        }
+        hex(&hash.finalize())
+    }
+
+    /// A hash over dictionary and features alone.
+    pub fn model_digest(&self) -> String {
+        hex(&Sha256::digest(self.model_digest_input()))
+    }
+
+    /// A hash over one task's weights.
+    pub fn policy_digest(&self, task: usize) -> String {
+        hex(&Sha256::digest(bytes_of(self.weights[task].as_ref())))
+    }
+
+    fn model_digest_input(&self) -> Vec<u8> {
+        let model = &self.model;
+        let mut bytes = Vec::new();
+        bytes.extend(model.kernel.sigma().to_le_bytes());
+        bytes.extend(model.kernel.exponent().to_le_bytes());
+        for j in 0..model.members.ncols() {
+            bytes.extend(model.members.col(j).iter().flat_map(|value| value.to_le_bytes()));
+        }
+        bytes.extend(bytes_of(model.projection.as_ref()));
+        bytes.extend(model.offset.iter().flat_map(|value| value.to_le_bytes()));
+        bytes
+    }
+}
+
+fn bytes_of(matrix: MatRef<'_, f64>) -> Vec<u8> {
+    (0..matrix.ncols()).flat_map(|j| matrix.col(j).iter().flat_map(|value| value.to_le_bytes())).collect()
+}

@@ -1,0 +1,116 @@
+//! The random walk of exploration, with a sonar reflex at walls.
+//!
+//! The reflex is heeded most of the time, not always: policy iteration must have seen that driving against a wall leads
+//! nowhere, else it believes what its features extrapolate. (In the lab, with a reflex that is always heeded, the greedy
+//! policy pushed against walls from most starts.)
+
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+
+use super::reflex::{Recent, Reflexes};
+use crate::scenario;
+use crate::world::Action;
+
+/// A random walk that does not drive into walls it can hear.
+#[derive(Debug, Clone)]
+pub struct Walk {
+    forward_probability: f64,
+    stop: f64,
+    heed: f64,
+    radius: f64,
+    rng: ChaCha8Rng,
+}
+
+impl Walk {
+    /// The walk of a scenario; `rng` makes its choices.
+    pub fn new(settings: &scenario::Policy, radius: f64, rng: ChaCha8Rng) -> Self {
+        Walk {
+            forward_probability: settings.forward_probability,
+            stop: settings.sonar_stop,
+            heed: settings.sonar_heed,
+            radius,
+            rng,
+        }
+    }
+
+    /// The next action, of those that sonar and reflexes allow.
+    pub fn choose(&mut self, sonar: &[f64], reflexes: Reflexes, recent: Recent) -> Action {
+        let heeds = self.rng.random_range(0.0..1.0) < self.heed;
+        let free = !heeds || clearance_ahead(sonar, self.radius) >= self.stop;
+        let turn = 0.5 * (1.0 - self.forward_probability);
+        let weight = |action: Action| match action {
+            _ if !reflexes.allow(action, recent) => 0.0,
+            Action::Forward if free => self.forward_probability,
+            Action::Forward => 0.0,
+            _ => turn,
+        };
+        let weights = Action::ALL.map(weight);
+        let mut left = self.rng.random_range(0.0..weights.iter().sum());
+        for (action, weight) in Action::ALL.into_iter().zip(weights) {
+            if left < weight {
+                return action;
+            }
+            left -= weight;
+        }
+        // Rounding can leave a remainder: the last action that has weight.
+        if weights[2] > 0.0 { Action::TurnRight } else { Action::TurnLeft }
+    }
+}
+
+/// How far a disc can drive straight ahead before it meets something that the sonars hear, metres.
+///
+/// `sonar`: distances from the centre in equal angles, the first straight ahead, counter-clockwise.
+pub fn clearance_ahead(sonar: &[f64], radius: f64) -> f64 {
+    let mut clearance = f64::INFINITY;
+    for (i, &distance) in sonar.iter().enumerate() {
+        let angle = std::f64::consts::TAU * i as f64 / sonar.len() as f64;
+        let (ahead, aside) = (distance * angle.cos(), distance * angle.sin());
+        if ahead > 0.0 && aside.abs() < radius {
+            clearance = clearance.min(ahead - (radius * radius - aside * aside).sqrt());
+        }
+    }
+    clearance
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::stream;
+
+    fn walk() -> Walk {
+        Walk { forward_probability: 0.6, stop: 0.1, heed: 1.0, radius: 0.25, rng: stream(1, "test") }
+    }
+
+    fn shares(sonar: &[f64], recent: Recent) -> [f64; 3] {
+        let reflexes = Reflexes { no_repeat_blocked: true, no_undo_turn: true };
+        let mut walk = walk();
+        let mut counts = [0.0; 3];
+        for _ in 0..4000 {
+            counts[walk.choose(sonar, reflexes, recent).index()] += 1.0 / 4000.0;
+        }
+        counts
+    }
+
+    #[test]
+    fn the_walk_has_its_probabilities_and_heeds_sonar_and_reflexes() {
+        let open = [5.0; 8];
+        let all = shares(&open, Recent::default());
+        assert!((all[0] - 0.6).abs() < 0.03 && (all[1] - 0.2).abs() < 0.03);
+        let mut wall = open;
+        wall[0] = 0.3;
+        let turning = shares(&wall, Recent::default());
+        assert!(turning[0] == 0.0 && (turning[1] - 0.5).abs() < 0.03);
+        let after_left = shares(&wall, Recent { action: Some(Action::TurnLeft), blocked: false });
+        assert_eq!(after_left[1], 1.0);
+    }
+
+    #[test]
+    fn clearance_counts_what_a_disc_would_touch() {
+        assert!((clearance_ahead(&[1.0, 5.0, 5.0, 5.0], 0.25) - 0.75).abs() < 1e-12);
+        // 0.2 m aside at 45°: in the way; a wall beside the disc is not.
+        let aside = (2.0f64 * 0.2 * 0.2).sqrt();
+        let found = clearance_ahead(&[5.0, aside, 5.0, 5.0, 5.0, 5.0, 5.0, 5.0], 0.25);
+        assert!((found - (0.2 - 0.15)).abs() < 1e-9);
+        assert_eq!(clearance_ahead(&[f64::INFINITY, 0.26, 5.0, 0.26], 0.25), f64::INFINITY);
+    }
+}

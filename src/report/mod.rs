@@ -1,0 +1,190 @@
+//! What a run came to: `report.json` for scripts, a table for people.
+
+mod table;
+
+pub use table::{Numbered, table, tasks_table};
+
+use serde::Serialize;
+
+use crate::agent::{CurvePoint, Outcome, Timing, peak_resident_bytes};
+use crate::evaluate::{PoseDecode, TaskResult};
+use crate::scenario::Scenario;
+
+/// `report.json`. Keys stay once introduced; `None` is what a run could not know.
+#[derive(Debug, Clone, Serialize)]
+pub struct Report {
+    /// The program.
+    pub adagio: Program,
+    /// What was run.
+    pub scenario: Ran,
+    /// How long it ran.
+    pub run: Run,
+    /// The dictionary at the end.
+    pub dictionary: Option<Dictionary>,
+    /// The newest features.
+    pub model: Option<Model>,
+    /// Results of each task.
+    pub tasks: Vec<TaskResult>,
+    /// What the features know of the pose.
+    pub pose_decode: Option<PoseDecode>,
+    /// Durations.
+    pub timing_ms: Timing,
+    /// Evaluations during the run.
+    pub curve: Vec<CurvePoint>,
+    /// Memory.
+    pub memory: Memory,
+    /// The log.
+    pub log: Log,
+    /// Pursuits during the run.
+    pub pursuits: Vec<Pursuits>,
+    /// A hash of dictionary, features and policy weights.
+    pub digest: Option<String>,
+}
+
+/// The program that ran.
+#[derive(Debug, Clone, Serialize)]
+pub struct Program {
+    /// Version of the package.
+    pub version: &'static str,
+    /// Commit it was built from, where that is known.
+    pub commit: Option<&'static str>,
+}
+
+impl Program {
+    /// This program.
+    pub fn this() -> Self {
+        Program { version: env!("CARGO_PKG_VERSION"), commit: option_env!("ADAGIO_COMMIT") }
+    }
+}
+
+/// What was run.
+#[derive(Debug, Clone, Serialize)]
+pub struct Ran {
+    /// Name of the scenario.
+    pub name: String,
+    /// Seed of all random streams.
+    pub seed: u64,
+    /// Hash of the complete scenario.
+    pub sha256: String,
+}
+
+/// How long it ran.
+#[derive(Debug, Clone, Serialize)]
+pub struct Run {
+    /// Actions executed.
+    pub actions: u64,
+    /// Frames seen.
+    pub frames: u64,
+    /// Wall-clock time of the run without the final evaluation, seconds.
+    pub seconds: f64,
+    /// Frames per second of wall-clock time.
+    pub frames_per_second: f64,
+    /// Frames that the source dropped.
+    pub dropped_frames: u64,
+    /// Whether the run continued an earlier one.
+    pub resumed: bool,
+    /// Why the newest model could not be made, if it could not.
+    pub without_model: Option<String>,
+}
+
+/// The dictionary.
+#[derive(Debug, Clone, Serialize)]
+pub struct Dictionary {
+    /// Number of support vectors.
+    pub support_vectors: usize,
+    /// Kernel width, grey levels.
+    pub sigma: f64,
+    /// Acceptance threshold.
+    pub nu: f64,
+}
+
+/// The newest features.
+#[derive(Debug, Clone, Serialize)]
+pub struct Model {
+    /// Number of the model.
+    pub epoch: u32,
+    /// Number of slow features, without the constant one.
+    pub features: usize,
+    /// Slowness of each feature, 1/s², weighted as in training, ascending.
+    pub slowness: Vec<f64>,
+    /// Regulariser.
+    pub lambda: f64,
+}
+
+/// Memory of the process.
+#[derive(Debug, Clone, Serialize)]
+pub struct Memory {
+    /// The most it has held, bytes.
+    pub peak_rss_bytes: Option<u64>,
+}
+
+/// The log.
+#[derive(Debug, Clone, Serialize)]
+pub struct Log {
+    /// Files.
+    pub files: u64,
+    /// Bytes in all files.
+    pub bytes: u64,
+    /// Messages in all files.
+    pub messages: u64,
+}
+
+/// How pursuits of a task during the run ended.
+#[derive(Debug, Clone, Serialize)]
+pub struct Pursuits {
+    /// Name of the task.
+    pub task: String,
+    /// Pursuits that reached the goal.
+    pub reached: usize,
+    /// Pursuits that ended.
+    pub ended: usize,
+}
+
+impl Report {
+    /// The report of a run and of its final evaluation.
+    pub fn new(
+        scenario: &Scenario,
+        outcome: &Outcome,
+        tasks: Vec<TaskResult>,
+        pose_decode: Option<PoseDecode>,
+    ) -> Self {
+        let learned = outcome.learned.as_deref();
+        Report {
+            adagio: Program::this(),
+            scenario: Ran { name: scenario.name.clone(), seed: scenario.seed, sha256: scenario.sha256() },
+            run: Run {
+                actions: outcome.actions,
+                frames: outcome.frames,
+                seconds: outcome.seconds,
+                frames_per_second: outcome.frames as f64 / outcome.seconds,
+                dropped_frames: 0,
+                resumed: false,
+                without_model: outcome.without_model.clone(),
+            },
+            dictionary: learned.map(|learned| Dictionary {
+                support_vectors: outcome.support_vectors,
+                sigma: learned.model.kernel.sigma(),
+                nu: scenario.dictionary.nu,
+            }),
+            model: learned.map(|learned| Model {
+                epoch: learned.epoch,
+                features: learned.model.slowness.len(),
+                slowness: learned.model.slowness.clone(),
+                lambda: scenario.slow.lambda,
+            }),
+            tasks,
+            pose_decode,
+            timing_ms: outcome.timing.clone(),
+            curve: outcome.curve.clone(),
+            memory: Memory { peak_rss_bytes: peak_resident_bytes() },
+            log: Log { files: 1, bytes: outcome.log.bytes, messages: outcome.log.messages },
+            pursuits: scenario
+                .tasks
+                .iter()
+                .zip(&outcome.pursuits)
+                .map(|(task, tally)| Pursuits { task: task.name.clone(), reached: tally.reached, ended: tally.ended })
+                .collect(),
+            digest: learned.map(|learned| learned.digest()),
+        }
+    }
+}

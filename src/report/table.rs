@@ -1,0 +1,131 @@
+//! The report as a table that a person can read.
+
+use std::fmt::Write as _;
+
+use super::Report;
+use crate::evaluate::{PoseDecode, TaskResult};
+
+/// A whole number in groups of three digits.
+pub struct Numbered(pub u64);
+
+impl std::fmt::Display for Numbered {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let digits = self.0.to_string();
+        let mut text = String::new();
+        for (i, digit) in digits.chars().enumerate() {
+            if i > 0 && (digits.len() - i).is_multiple_of(3) {
+                text.push(' ');
+            }
+            text.push(digit);
+        }
+        f.pad(&text)
+    }
+}
+
+/// The whole report.
+pub fn table(report: &Report) -> String {
+    let mut text = String::new();
+    let run = &report.run;
+    let _ = writeln!(
+        text,
+        "{}, seed {}: {} actions, {} frames in {:.0} s ({:.0} frames/s)",
+        report.scenario.name,
+        report.scenario.seed,
+        Numbered(run.actions),
+        Numbered(run.frames),
+        run.seconds,
+        run.frames_per_second
+    );
+    match (&report.dictionary, &report.model) {
+        (Some(dictionary), Some(model)) => {
+            let _ = writeln!(
+                text,
+                "{} support vectors (sigma {:.0}, nu {}), model {}: {} features, slowness {:.3} to {:.1} /s²",
+                Numbered(dictionary.support_vectors as u64),
+                dictionary.sigma,
+                dictionary.nu,
+                model.epoch,
+                model.features,
+                model.slowness.first().copied().unwrap_or(f64::NAN),
+                model.slowness.last().copied().unwrap_or(f64::NAN),
+            );
+        }
+        _ => text.push_str("no model was made\n"),
+    }
+    if let Some(reason) = &run.without_model {
+        let _ = writeln!(text, "the newest model could not be made: {reason}");
+    }
+    for pursuit in &report.pursuits {
+        if pursuit.ended > 0 {
+            let _ = writeln!(
+                text,
+                "while driving, {} of {} pursuits reached {}",
+                pursuit.reached, pursuit.ended, pursuit.task
+            );
+        }
+    }
+    if !report.tasks.is_empty() {
+        text.push('\n');
+        text.push_str(&tasks_table(&report.tasks, report.pose_decode.as_ref()));
+    }
+    let timing = &report.timing_ms;
+    let _ = writeln!(
+        text,
+        "\nact {:.2} ms (p99 {:.2}), frame {:.2} ms (p99 {:.2}), re-solve {:.0} ms (max {:.0}), refit {:.0} ms (max {:.0})",
+        timing.act_p50,
+        timing.act_p99,
+        timing.frame_p50,
+        timing.frame_p99,
+        timing.resolve_p50,
+        timing.resolve_max,
+        timing.refit_p50,
+        timing.refit_max
+    );
+    let _ = writeln!(
+        text,
+        "log {:.1} MB in {} messages; {}peak memory {}",
+        report.log.bytes as f64 / 1e6,
+        Numbered(report.log.messages),
+        if run.dropped_frames > 0 { format!("{} frames dropped; ", run.dropped_frames) } else { String::new() },
+        report.memory.peak_rss_bytes.map_or("unknown".to_owned(), |bytes| format!("{:.0} MB", bytes as f64 / 1e6)),
+    );
+    if let Some(digest) = &report.digest {
+        let _ = writeln!(text, "digest {digest}");
+    }
+    text
+}
+
+/// Results of the tasks, and the decoding of the pose.
+pub fn tasks_table(tasks: &[TaskResult], pose: Option<&PoseDecode>) -> String {
+    let mut text = String::from(
+        "task        starts  success  (at least)  steps  optimal  extra  quality  reference  dithers/1000  | alone: success  quality\n",
+    );
+    let number = |value: Option<f64>, digits: usize| value.map_or("-".to_owned(), |value| format!("{value:.digits$}"));
+    for task in tasks {
+        let alone = task.without_reflexes.as_ref();
+        let _ = writeln!(
+            text,
+            "{:<11} {:>6}  {:>6.1}%  {:>9.1}%  {:>5}  {:>7.2}  {:>5}  {:>7.3}  {:>8.1}%  {:>12.1}  | {:>13}%  {:>7}",
+            task.name,
+            task.starts,
+            100.0 * task.success,
+            100.0 * task.success_wilson_low,
+            number(task.mean_steps, 2),
+            task.optimal_mean_steps,
+            number(task.extra_steps, 2),
+            task.convergence_quality,
+            100.0 * task.reference_success,
+            task.dithers_per_1000,
+            number(alone.map(|alone| 100.0 * alone.success), 1),
+            number(alone.map(|alone| alone.convergence_quality), 3),
+        );
+    }
+    if let Some(pose) = pose {
+        let _ = writeln!(
+            text,
+            "pose read off the features (linear): position within {:.3} m, heading within {:.1}° (root mean square)",
+            pose.position_rmse_m, pose.heading_rmse_deg
+        );
+    }
+    text
+}

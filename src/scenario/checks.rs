@@ -1,0 +1,111 @@
+//! Faults that no single key shows: values that contradict each other.
+
+use nalgebra::Point2;
+
+use super::keys::Reader;
+use super::plan::{Plan, PlanFault};
+use super::sections::Scenario;
+
+/// Report what does not fit together.
+pub(super) fn check(s: &Scenario, reader: &mut Reader<'_>) {
+    counts(s, reader);
+    tasks(s, reader);
+    if s.world.walls.is_empty() {
+        reader.fault_at("world.wall", "is missing: a world needs at least one [[world.wall]]".into());
+        return;
+    }
+    match Plan::new(s) {
+        Ok(plan) => goals(s, &plan, reader),
+        Err(fault) => place(s, &fault, reader),
+    }
+}
+
+fn counts(s: &Scenario, reader: &mut Reader<'_>) {
+    let visible = s.camera.height.saturating_sub(s.vision.cut_rows);
+    if visible < s.vision.height {
+        let text = format!(
+            "= {} leaves {visible} of {} lines, less than the {} lines of an observation: it must be in [0, {}]",
+            s.vision.cut_rows,
+            s.camera.height,
+            s.vision.height,
+            s.camera.height.saturating_sub(s.vision.height)
+        );
+        reader.fault_at("vision.cut_rows", text);
+    }
+    if s.vision.width > s.camera.width {
+        let text = format!("= {} is more than camera.width: it must be in [1, {}]", s.vision.width, s.camera.width);
+        reader.fault_at("vision.width", text);
+    }
+    let (k, budget) = (s.slow.features, s.dictionary.budget);
+    if k > budget {
+        let text = format!("= {k} is more than dictionary.budget: it must be in [1, {budget}]");
+        reader.fault_at("slow.features", text);
+    }
+    if s.dictionary.retained_frames < s.dictionary.block_frames {
+        let text = format!(
+            "= {} is less than dictionary.block_frames: it must be at least {}",
+            s.dictionary.retained_frames, s.dictionary.block_frames
+        );
+        reader.fault_at("dictionary.retained_frames", text);
+    }
+    if s.agent.latency_frames >= s.agent.resolve_frames {
+        let text = format!(
+            "= {} is not less than agent.resolve_frames: it must be in [0, {}], so that a model takes effect before the \
+             next one is asked for",
+            s.agent.latency_frames,
+            s.agent.resolve_frames - 1
+        );
+        reader.fault_at("agent.latency_frames", text);
+    }
+}
+
+fn tasks(s: &Scenario, reader: &mut Reader<'_>) {
+    if s.tasks.is_empty() {
+        reader.fault_at("task", "is missing: at least one [[task]] is needed".into());
+    }
+    for (index, task) in s.tasks.iter().enumerate() {
+        if task.name.is_empty() || s.tasks[..index].iter().any(|other| other.name == task.name) {
+            let text = format!("= {:?} is not allowed: names must be unique and not empty", task.name);
+            reader.fault_at(&format!("task.{index}.name"), text);
+        }
+    }
+}
+
+fn place(s: &Scenario, fault: &PlanFault, reader: &mut Reader<'_>) {
+    match fault {
+        PlanFault::StartBlocked(clearance) => {
+            let text = format!(
+                "= {:?} is {clearance:.3} m from a wall, less than robot.radius = {} m: it must be at least that far; a \
+                 robot wider than its room has no such place",
+                s.robot.start, s.robot.radius
+            );
+            reader.fault_at("robot.start", text);
+        }
+        PlanFault::Open => {
+            let text = format!(
+                "= {:?} is not enclosed by walls: there must be no gap through which a robot of radius {} m could leave",
+                s.robot.start, s.robot.radius
+            );
+            reader.fault_at("robot.start", text);
+        }
+        PlanFault::TooLarge(width, depth) => {
+            let text = format!("span {width:.0} m × {depth:.0} m: at most 10 000 m² are allowed");
+            reader.fault_at("world.wall", text);
+        }
+    }
+}
+
+fn goals(s: &Scenario, plan: &Plan, reader: &mut Reader<'_>) {
+    for (index, task) in s.tasks.iter().enumerate() {
+        let goal = Point2::from(task.goal);
+        if !plan.reaches_circle(goal, task.radius) {
+            let (low, high) = plan.reachable_box();
+            let text = format!(
+                "= {:?} with radius {} m is in a wall or out of reach: the robot's centre can be in [{:.2}, {:.2}] × \
+                 [{:.2}, {:.2}] at most",
+                task.goal, task.radius, low.x, high.x, low.y, high.y
+            );
+            reader.fault_at(&format!("task.{index}.goal"), text);
+        }
+    }
+}

@@ -1,0 +1,145 @@
+//! The floor plan: walls as segments, distances to them, and the places that a disc can reach.
+
+use std::collections::VecDeque;
+
+use nalgebra::{Point2, Vector2};
+
+use super::sections::{Scenario, Wall};
+
+/// Side of the cells on which reachability is decided, metres.
+const CELL: f64 = 0.05;
+
+/// More cells than this are refused: the room is too large for its resolution.
+const MOST_CELLS: usize = 4_000_000;
+
+/// Walls and reachable places of a scenario, for a disc of the robot's size.
+#[derive(Debug, Clone)]
+pub struct Plan {
+    segments: Vec<(Point2<f64>, Point2<f64>)>,
+    low: Point2<f64>,
+    size: [usize; 2],
+    /// Cells whose centre the robot's centre can reach from the start.
+    reachable: Vec<bool>,
+    radius: f64,
+}
+
+/// Why there is no plan.
+#[derive(Debug, Clone, PartialEq)]
+pub enum PlanFault {
+    /// The robot's start is closer to a wall than its radius; the distance.
+    StartBlocked(f64),
+    /// From the start the robot could leave the walls behind.
+    Open,
+    /// The walls span too large an area, metres.
+    TooLarge(f64, f64),
+}
+
+impl Plan {
+    /// The plan of a scenario, with everything reachable from the robot's start.
+    ///
+    /// # Errors
+    /// See [`PlanFault`].
+    pub fn new(scenario: &Scenario) -> Result<Self, PlanFault> {
+        let segments: Vec<_> = scenario.world.walls.iter().flat_map(segments_of).collect();
+        let points = segments.iter().flat_map(|(a, b)| [a, b]);
+        let start = Point2::from(scenario.robot.start);
+        let (low, high) = points.fold((start, start), |(low, high), p| (low.inf(p), high.sup(p)));
+        let margin = Vector2::repeat(2.0 * CELL);
+        let (low, high) = (low - margin, high + margin);
+        let size = [0, 1].map(|axis| ((high[axis] - low[axis]) / CELL).ceil() as usize + 1);
+        if size[0].saturating_mul(size[1]) > MOST_CELLS {
+            return Err(PlanFault::TooLarge(high.x - low.x, high.y - low.y));
+        }
+        let radius = scenario.robot.radius;
+        let mut plan = Plan { segments, low, size, reachable: vec![false; size[0] * size[1]], radius };
+        let clearance = plan.clearance(start);
+        if clearance < radius {
+            return Err(PlanFault::StartBlocked(clearance));
+        }
+        plan.flood(start)?;
+        Ok(plan)
+    }
+
+    /// Distance from a point to the nearest wall, metres; infinite without walls.
+    pub fn clearance(&self, point: Point2<f64>) -> f64 {
+        self.segments.iter().map(|&(a, b)| distance_to_segment(point, a, b)).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Whether the robot's centre can be at a point.
+    pub fn is_reachable(&self, point: Point2<f64>) -> bool {
+        self.cell_of(point).is_some_and(|cell| self.reachable[cell]) && self.clearance(point) >= self.radius
+    }
+
+    /// Corners of the box around all reachable places.
+    pub fn reachable_box(&self) -> (Point2<f64>, Point2<f64>) {
+        let cells = (0..self.reachable.len()).filter(|&cell| self.reachable[cell]).map(|cell| self.centre(cell));
+        let empty = (Point2::from([f64::INFINITY; 2]), Point2::from([f64::NEG_INFINITY; 2]));
+        let (low, high) = cells.fold(empty, |(low, high), p| (low.inf(&p), high.sup(&p)));
+        let half = Vector2::repeat(0.5 * CELL);
+        (low - half, high + half)
+    }
+
+    /// Whether the robot can reach some place within a circle.
+    pub fn reaches_circle(&self, centre: Point2<f64>, radius: f64) -> bool {
+        self.is_reachable(centre)
+            || (0..self.reachable.len())
+                .any(|cell| self.reachable[cell] && (self.centre(cell) - centre).norm() <= radius)
+    }
+
+    /// Corners of the box around all walls.
+    pub fn walls_box(&self) -> (Point2<f64>, Point2<f64>) {
+        let margin = Vector2::repeat(2.0 * CELL);
+        let extent = Vector2::new(self.size[0] as f64 - 1.0, self.size[1] as f64 - 1.0) * CELL;
+        (self.low + margin, self.low + extent - margin)
+    }
+
+    fn flood(&mut self, start: Point2<f64>) -> Result<(), PlanFault> {
+        // The start itself may lie between cell centres that are too close to a wall.
+        let Some(first) = self.cell_of(start) else { return Err(PlanFault::Open) };
+        self.reachable[first] = true;
+        let mut queue = VecDeque::from([first]);
+        while let Some(cell) = queue.pop_front() {
+            let (column, row) = (cell % self.size[0], cell / self.size[0]);
+            if column == 0 || row == 0 || column + 1 == self.size[0] || row + 1 == self.size[1] {
+                return Err(PlanFault::Open);
+            }
+            for next in [cell - 1, cell + 1, cell - self.size[0], cell + self.size[0]] {
+                if !self.reachable[next] && self.clearance(self.centre(next)) >= self.radius {
+                    self.reachable[next] = true;
+                    queue.push_back(next);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn cell_of(&self, point: Point2<f64>) -> Option<usize> {
+        let [x, y] = [0, 1].map(|axis| ((point[axis] - self.low[axis]) / CELL).floor());
+        let inside = x >= 0.0 && y >= 0.0 && (x as usize) < self.size[0] && (y as usize) < self.size[1];
+        inside.then(|| y as usize * self.size[0] + x as usize)
+    }
+
+    fn centre(&self, cell: usize) -> Point2<f64> {
+        let (column, row) = (cell % self.size[0], cell / self.size[0]);
+        self.low + Vector2::new(column as f64 + 0.5, row as f64 + 0.5) * CELL
+    }
+}
+
+/// The straight pieces of a wall.
+pub fn segments_of(wall: &Wall) -> Vec<(Point2<f64>, Point2<f64>)> {
+    let corners: Vec<Point2<f64>> = wall.points.iter().map(|&p| Point2::from(p)).collect();
+    let mut segments: Vec<_> = corners.windows(2).map(|pair| (pair[0], pair[1])).collect();
+    if wall.closed
+        && let (Some(&last), Some(&first)) = (corners.last(), corners.first())
+    {
+        segments.push((last, first));
+    }
+    segments
+}
+
+fn distance_to_segment(point: Point2<f64>, a: Point2<f64>, b: Point2<f64>) -> f64 {
+    let along = b - a;
+    let length = along.norm_squared();
+    let t = if length > 0.0 { ((point - a).dot(&along) / length).clamp(0.0, 1.0) } else { 0.0 };
+    (point - (a + along * t)).norm()
+}

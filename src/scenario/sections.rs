@@ -1,0 +1,735 @@
+//! The sections of a scenario: every key with its unit, default, range and meaning.
+
+use std::path::{Path, PathBuf};
+
+use super::keys::{Range, Reader, Section};
+use crate::log::Compression;
+
+/// A checked scenario.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scenario {
+    /// A name for people; by default the name of the file.
+    pub name: String,
+    /// Seed of all random streams.
+    pub seed: u64,
+    /// The run ends after this many actions.
+    pub actions: usize,
+    /// `[world]`
+    pub world: World,
+    /// `[robot]`
+    pub robot: Robot,
+    /// `[camera]`
+    pub camera: Camera,
+    /// `[vision]`
+    pub vision: Vision,
+    /// `[dictionary]`
+    pub dictionary: Dictionary,
+    /// `[slow]`
+    pub slow: Slow,
+    /// `[value]`
+    pub value: Value,
+    /// `[policy]`
+    pub policy: Policy,
+    /// `[agent]`
+    pub agent: Agent,
+    /// `[evaluate]`
+    pub evaluate: Evaluate,
+    /// `[log]`
+    pub log: Log,
+    /// `[[task]]`, at least one.
+    pub tasks: Vec<Task>,
+    /// The complete file, every default filled in.
+    pub text: String,
+}
+
+/// `[world]`: what the robot drives in.
+#[derive(Debug, Clone, PartialEq)]
+pub struct World {
+    /// `[[world.wall]]`
+    pub walls: Vec<Wall>,
+    /// `[world.floor]`
+    pub floor: Texture,
+    /// `[world.surroundings]`: what is seen above the walls, far away.
+    pub surroundings: Texture,
+}
+
+/// `[[world.wall]]`: a polyline that stands upright.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Wall {
+    /// Corners, metres.
+    pub points: Vec<[f64; 2]>,
+    /// Whether the last corner is joined to the first.
+    pub closed: bool,
+    /// Height, metres.
+    pub height: f64,
+    /// Wallpaper.
+    pub texture: Texture,
+}
+
+/// A surface: an image file or a procedural pattern.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Texture {
+    /// Image file (PNG), repeated; overrides the pattern.
+    pub image: Option<PathBuf>,
+    /// Procedural pattern.
+    pub pattern: Pattern,
+    /// Size of the pattern's elements, or height of one image, metres (degrees for the surroundings).
+    pub scale: f64,
+    /// Base hue, degrees.
+    pub hue: f64,
+    /// How far hues stray from the base, degrees.
+    pub hue_spread: f64,
+    /// Contrast of the pattern, 0 (plain) to 1.
+    pub contrast: f64,
+    /// Seed of the pattern.
+    pub seed: u64,
+}
+
+/// Procedural patterns.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Pattern {
+    /// One colour.
+    Plain,
+    /// Smooth blobs of colour.
+    Smooth,
+    /// Sheets of wallpaper of random colours side by side.
+    Patches,
+    /// Vertical stripes of random colours.
+    Stripes,
+}
+
+/// `[robot]`
+#[derive(Debug, Clone, PartialEq)]
+pub struct Robot {
+    /// Radius, metres.
+    pub radius: f64,
+    /// Length of the action *forward*, metres.
+    pub forward: f64,
+    /// Angle of the actions *left* and *right*, degrees.
+    pub turn_deg: f64,
+    /// Duration of an action, seconds.
+    pub action_seconds: f64,
+    /// Frames per action.
+    pub frames_per_action: usize,
+    /// Standard deviation of the executed length, as a share.
+    pub forward_noise: f64,
+    /// Standard deviation of the executed angle, as a share.
+    pub turn_noise: f64,
+    /// Standard deviation of the heading's drift over one *forward*, degrees.
+    pub drift_deg: f64,
+    /// Standard deviation of the odometry's error per frame, as a share of the motion.
+    pub odometry_noise: f64,
+    /// Start position, metres.
+    pub start: [f64; 2],
+    /// Start heading, degrees from the x-axis, counter-clockwise.
+    pub start_heading_deg: f64,
+    /// Number of sonars in the ring, the first one straight ahead.
+    pub sonars: usize,
+    /// Range of the sonars, metres.
+    pub sonar_range: f64,
+    /// Standard deviation of a sonar reading, metres.
+    pub sonar_noise: f64,
+}
+
+impl Robot {
+    /// Time between frames, seconds.
+    pub fn frame_seconds(&self) -> f64 {
+        self.action_seconds / self.frames_per_action as f64
+    }
+}
+
+/// `[camera]`
+#[derive(Debug, Clone, PartialEq)]
+pub struct Camera {
+    /// Image width, pixels.
+    pub width: usize,
+    /// Image height, pixels.
+    pub height: usize,
+    /// Horizontal field of view, degrees.
+    pub field_of_view_deg: f64,
+    /// Height of the lens above the floor, metres.
+    pub mount_height: f64,
+    /// Standard deviation of pixel noise, grey levels.
+    pub pixel_noise: f64,
+    /// Standard deviation of the slow exposure drift, as a share.
+    pub exposure_drift: f64,
+    /// Time constant of the exposure drift, seconds.
+    pub exposure_seconds: f64,
+}
+
+/// `[vision]`
+#[derive(Debug, Clone, PartialEq)]
+pub struct Vision {
+    /// Upper image lines that are cut away, pixels.
+    pub cut_rows: usize,
+    /// Width of an observation, pixels.
+    pub width: usize,
+    /// Height of an observation, pixels.
+    pub height: usize,
+    /// Mean grey level that every observation is corrected to; `None`: no correction.
+    pub brightness: Option<f64>,
+}
+
+/// `[dictionary]`
+#[derive(Debug, Clone, PartialEq)]
+pub struct Dictionary {
+    /// Exponent of the radial kernel.
+    pub exponent: f64,
+    /// Kernel width in grey levels; `None`: from the median distance of the first frames.
+    pub sigma: Option<f64>,
+    /// With an automatic width: this many times the median distance.
+    pub sigma_factor: f64,
+    /// With an automatic width: measured over this many first frames.
+    pub sigma_frames: usize,
+    /// Acceptance threshold ν.
+    pub nu: f64,
+    /// Largest number of support vectors.
+    pub budget: usize,
+    /// Frames that are handled together.
+    pub block_frames: usize,
+    /// Frames whose coordinates are kept for filling in new ones.
+    pub retained_frames: usize,
+}
+
+/// `[slow]`
+#[derive(Debug, Clone, PartialEq)]
+pub struct Slow {
+    /// Number of slow features.
+    pub features: usize,
+    /// Regulariser λ.
+    pub lambda: f64,
+    /// Weight of derivatives while moving; turning has weight 1.
+    pub move_weight: f64,
+    /// Time constant with which frames fade; `None`: never.
+    pub memory_frames: Option<f64>,
+}
+
+/// `[value]`
+#[derive(Debug, Clone, PartialEq)]
+pub struct Value {
+    /// Discount per action.
+    pub gamma: f64,
+    /// Ridge on the diagonal of the summed system.
+    pub ridge: f64,
+    /// Transitions in the window.
+    pub window: usize,
+    /// Share of the greedy policy in each step of policy iteration.
+    pub mixing: f64,
+    /// Largest number of policy evaluations.
+    pub max_iterations: usize,
+    /// Relative change of weights that counts as converged.
+    pub tolerance: f64,
+    /// 0: transitions weigh alike; 1: every (cell, action) weighs alike.
+    pub balance: f64,
+}
+
+/// `[policy]`
+#[derive(Debug, Clone, PartialEq)]
+pub struct Policy {
+    /// Actions of pure exploration at the start.
+    pub explore_actions: usize,
+    /// Share of pursuits among legs when the run ends; it rises linearly from 0.
+    pub pursue_share: f64,
+    /// Length of a leg of exploration, actions.
+    pub explore_leg: usize,
+    /// A pursuit gives up after this many actions.
+    pub pursue_leg: usize,
+    /// Probability of *forward* in the random walk.
+    pub forward_probability: f64,
+    /// Sonar reflex of the random walk: no *forward* with less clearance ahead, metres.
+    pub sonar_stop: f64,
+    /// Share of times that the sonar reflex is heeded.
+    pub sonar_heed: f64,
+    /// Reflex: an action that was just blocked is not repeated.
+    pub no_repeat_blocked: bool,
+    /// Reflex: a turn is not undone by the opposite turn.
+    pub no_undo_turn: bool,
+}
+
+/// How model swaps are timed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Mode {
+    /// A model asked for at frame t takes effect at frame t + L exactly.
+    Lockstep,
+    /// A model takes effect when it is ready.
+    Realtime,
+}
+
+/// `[agent]`
+#[derive(Debug, Clone, PartialEq)]
+pub struct Agent {
+    /// Timing of model swaps.
+    pub mode: Mode,
+    /// Frames between two requests for a new model.
+    pub resolve_frames: usize,
+    /// L: frames from the request to the effect.
+    pub latency_frames: usize,
+    /// Capacity of the queues between actors, messages.
+    pub queue: usize,
+}
+
+/// `[evaluate]`
+#[derive(Debug, Clone, PartialEq)]
+pub struct Evaluate {
+    /// Random starts per task.
+    pub starts: usize,
+    /// A trial fails after this many actions.
+    pub max_steps: usize,
+    /// Every how many models is evaluated during the run; 0: only the last.
+    pub every: usize,
+    /// Poses from which the decoding of position and heading is learned.
+    pub decode_train: usize,
+    /// Poses on which it is tested.
+    pub decode_test: usize,
+}
+
+/// `[log]`
+#[derive(Debug, Clone, PartialEq)]
+pub struct Log {
+    /// Compression of chunks.
+    pub compression: Compression,
+    /// Size of a chunk before compression, bytes.
+    pub chunk_bytes: usize,
+    /// Longest time that a message stays in memory only, seconds.
+    pub flush_seconds: f64,
+}
+
+/// What happens when a goal is reached.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Then {
+    /// The schedule decides what the next leg is.
+    Schedule,
+    /// A leg of exploration follows.
+    Explore,
+    /// The next task is pursued.
+    NextTask,
+}
+
+/// `[[task]]`
+#[derive(Debug, Clone, PartialEq)]
+pub struct Task {
+    /// Name, unique.
+    pub name: String,
+    /// Centre of the goal area, metres.
+    pub goal: [f64; 2],
+    /// Radius of the goal area, metres.
+    pub radius: f64,
+    /// Reward for an action that ends in the goal area.
+    pub reward: f64,
+    /// Reward for an action that ends near a wall, outside the goal area.
+    pub wall_reward: f64,
+    /// Near a wall is closer than this, robot centre to wall, metres.
+    pub wall_distance: f64,
+    /// Whether values count the goal as the end of an episode.
+    pub absorbing: bool,
+    /// What comes after the goal was reached.
+    pub then: Then,
+}
+
+impl Scenario {
+    /// Read all sections; what is wrong goes to `reader.faults`, with the default in its place.
+    pub(super) fn read(reader: &mut Reader<'_>, base: &Path, stem: &str) -> Self {
+        let (name, seed, actions) = reader.section("", "", |s| {
+            s.allow_sections(&[
+                "world",
+                "robot",
+                "camera",
+                "vision",
+                "dictionary",
+                "slow",
+                "value",
+                "policy",
+                "agent",
+                "evaluate",
+                "log",
+                "task",
+            ]);
+            (
+                s.text("name", stem, "name for people"),
+                s.count("seed", 1, "", 0, i64::MAX as usize, "seed of all random streams") as u64,
+                s.count("actions", 15_000, "actions", 10, 1_000_000_000, "the run ends after this many"),
+            )
+        });
+        reader.section("world", "what the robot drives in", |s| s.allow_sections(&["wall", "floor", "surroundings"]));
+        let walls = reader.sections("world.wall", "a polyline that stands upright", |s, index| Wall {
+            points: s.points("points", "corners"),
+            closed: s.flag("closed", false, "whether the last corner is joined to the first"),
+            height: s.number("height", 0.9, "m", Range::above(0.0, 100.0), "height of the wall"),
+            texture: Texture::read(s, base, Defaults::wall(index)),
+        });
+        let floor = reader.section("world.floor", "", |s| Texture::read(s, base, Defaults::FLOOR));
+        let surroundings = reader.section("world.surroundings", "seen above the walls, far away", |s| {
+            Texture::read(s, base, Defaults::SURROUNDINGS)
+        });
+        Scenario {
+            name,
+            seed,
+            actions,
+            world: World { walls, floor, surroundings },
+            robot: reader.section("robot", "", Robot::read),
+            camera: reader.section("camera", "", Camera::read),
+            vision: reader.section("vision", "camera image to observation", Vision::read),
+            dictionary: reader.section("dictionary", "support vectors", Dictionary::read),
+            slow: reader.section("slow", "slow features", Slow::read),
+            value: reader.section("value", "least-squares policy iteration", Value::read),
+            policy: reader.section("policy", "exploration, pursuit, reflexes", Policy::read),
+            agent: reader.section("agent", "", Agent::read),
+            evaluate: reader.section("evaluate", "", Evaluate::read),
+            log: reader.section("log", "", Log::read),
+            tasks: reader.sections("task", "", Task::read),
+            text: String::new(),
+        }
+    }
+}
+
+struct Defaults {
+    pattern: usize,
+    scale: f64,
+    hue: f64,
+    hue_spread: f64,
+    contrast: f64,
+    seed: usize,
+}
+
+impl Defaults {
+    const FLOOR: Defaults = Defaults { pattern: 1, scale: 0.6, hue: 40.0, hue_spread: 20.0, contrast: 0.3, seed: 1001 };
+    const SURROUNDINGS: Defaults =
+        Defaults { pattern: 1, scale: 40.0, hue: 210.0, hue_spread: 60.0, contrast: 0.5, seed: 1002 };
+
+    /// Walls differ in hue and pattern unless the file says otherwise.
+    fn wall(index: usize) -> Defaults {
+        let hue = (index as f64 * 97.0) % 360.0;
+        Defaults { pattern: 2, scale: 0.45, hue, hue_spread: 60.0, contrast: 0.6, seed: index + 1 }
+    }
+}
+
+impl Texture {
+    fn read(s: &mut Section<'_, '_>, base: &Path, d: Defaults) -> Self {
+        const PATTERNS: [(&str, Pattern); 4] = [
+            ("plain", Pattern::Plain),
+            ("smooth", Pattern::Smooth),
+            ("patches", Pattern::Patches),
+            ("stripes", Pattern::Stripes),
+        ];
+        let image = s.file("image", base, "PNG file, relative to this file, instead of the pattern; empty: none");
+        if let Some(path) = &image
+            && let Err(error) = image::ImageReader::open(path).map_err(image::ImageError::from).and_then(|r| r.decode())
+        {
+            s.fault_here("image", format!("= {:?} cannot be used: {error}", path.display().to_string()));
+        }
+        Texture {
+            image,
+            pattern: s.choice("pattern", d.pattern, &PATTERNS, "procedural pattern"),
+            scale: s.number(
+                "scale",
+                d.scale,
+                "m (surroundings: degrees)",
+                Range::above(0.0, 1000.0),
+                "size of the pattern's elements, or height of one image",
+            ),
+            hue: s.number("hue", d.hue, "degrees", Range::within(0.0, 360.0), "base colour"),
+            hue_spread: s.number(
+                "hue_spread",
+                d.hue_spread,
+                "degrees",
+                Range::within(0.0, 360.0),
+                "how far colours stray",
+            ),
+            contrast: s.number("contrast", d.contrast, "", Range::within(0.0, 1.0), "0: plain"),
+            seed: s.count("seed", d.seed, "", 0, u32::MAX as usize, "seed of the pattern") as u64,
+        }
+    }
+}
+
+impl Robot {
+    fn read(s: &mut Section<'_, '_>) -> Self {
+        let share = Range::within(0.0, 0.5);
+        Robot {
+            radius: s.number("radius", 0.25, "m", Range::above(0.0, 10.0), "Pioneer 3-DX: 0.25"),
+            forward: s.number("forward", 0.30, "m", Range::above(0.0, 10.0), "length of the action forward"),
+            turn_deg: s.number("turn_deg", 45.0, "degrees", Range::above(0.0, 180.0), "angle of a turn"),
+            action_seconds: s.number("action_seconds", 1.0, "s", Range::above(0.0, 60.0), "duration of an action"),
+            frames_per_action: s.count("frames_per_action", 5, "frames", 1, 100, "camera frames per action"),
+            forward_noise: s.number("forward_noise", 0.05, "share", share, "standard deviation of the executed length"),
+            turn_noise: s.number("turn_noise", 0.05, "share", share, "standard deviation of the executed angle"),
+            drift_deg: s.number("drift_deg", 1.0, "degrees", Range::within(0.0, 45.0), "heading noise of one forward"),
+            odometry_noise: s.number("odometry_noise", 0.02, "share", share, "error of the odometry per frame"),
+            start: s.point("start", [1.5, 0.9], "position at the start"),
+            start_heading_deg: s.number(
+                "start_heading_deg",
+                0.0,
+                "degrees",
+                Range::within(-360.0, 360.0),
+                "heading at the start, from the x-axis, counter-clockwise",
+            ),
+            sonars: s.count("sonars", 16, "", 1, 360, "sonars in the ring, the first one straight ahead"),
+            sonar_range: s.number("sonar_range", 5.0, "m", Range::above(0.0, 100.0), "longest distance measured"),
+            sonar_noise: s.number("sonar_noise", 0.01, "m", Range::within(0.0, 1.0), "standard deviation of a reading"),
+        }
+    }
+}
+
+impl Camera {
+    fn read(s: &mut Section<'_, '_>) -> Self {
+        Camera {
+            width: s.count("width", 320, "px", 8, 4096, "image width"),
+            height: s.count("height", 240, "px", 8, 4096, "image height"),
+            field_of_view_deg: s.number(
+                "field_of_view_deg",
+                66.0,
+                "degrees",
+                Range::within(10.0, 150.0),
+                "horizontal field of view",
+            ),
+            mount_height: s.number("mount_height", 0.5, "m", Range::above(0.0, 50.0), "lens above the floor"),
+            pixel_noise: s.number("pixel_noise", 2.0, "grey levels", Range::within(0.0, 64.0), "noise of a pixel"),
+            exposure_drift: s.number(
+                "exposure_drift",
+                0.05,
+                "share",
+                Range::within(0.0, 0.5),
+                "slow drift of the gain",
+            ),
+            exposure_seconds: s.number(
+                "exposure_seconds",
+                60.0,
+                "s",
+                Range::above(0.0, 1e6),
+                "time constant of the drift",
+            ),
+        }
+    }
+}
+
+impl Vision {
+    fn read(s: &mut Section<'_, '_>) -> Self {
+        let cut_rows = s.count("cut_rows", 80, "px", 0, 4095, "upper lines that are cut away");
+        let width = s.count("width", 32, "px", 1, 1024, "width of an observation");
+        let height = s.count("height", 16, "px", 1, 1024, "height of an observation");
+        let brightness = s.number(
+            "brightness",
+            128.0,
+            "grey levels",
+            Range::within(0.0, 255.0),
+            "mean that observations are corrected to; 0: no correction",
+        );
+        Vision { cut_rows, width, height, brightness: (brightness > 0.0).then_some(brightness) }
+    }
+}
+
+impl Dictionary {
+    fn read(s: &mut Section<'_, '_>) -> Self {
+        s.choice("selection", 0, &[("ald", ())], "how support vectors are chosen");
+        let exponent = s.choice("kernel", 0, &[("gaussian", 2.0), ("laplacian", 1.0)], "radial kernel");
+        Dictionary {
+            exponent,
+            sigma: s.number_or_auto(
+                "sigma",
+                "grey levels",
+                Range::above(0.0, 1e9),
+                "kernel width, as a distance of observations",
+            ),
+            sigma_factor: s.number(
+                "sigma_factor",
+                1.15,
+                "",
+                Range::above(0.0, 1000.0),
+                "sigma = \"auto\": times the median distance of the first frames",
+            ),
+            sigma_frames: s.count("sigma_frames", 1000, "frames", 2, 5000, "sigma = \"auto\": first frames"),
+            nu: s.number("nu", 0.01, "", Range::above(0.0, 0.999), "a frame is accepted when its residual is above"),
+            budget: s.count("budget", 2000, "", 10, 20_000, "largest number of support vectors; then growth stops"),
+            block_frames: s.count("block_frames", 128, "frames", 1, 4096, "frames that are handled together"),
+            retained_frames: s.count(
+                "retained_frames",
+                20_000,
+                "frames",
+                1,
+                10_000_000,
+                "newest frames for which new coordinates are filled in",
+            ),
+        }
+    }
+}
+
+impl Slow {
+    fn read(s: &mut Section<'_, '_>) -> Self {
+        let features = s.count("features", 200, "", 1, 5000, "number of slow features");
+        let lambda = s.number("lambda", 1e-7, "1/s²", Range::above(0.0, 1e6), "regulariser");
+        let move_weight = s.number(
+            "move_weight",
+            5.0,
+            "",
+            Range::above(0.0, 1e6),
+            "weight of derivatives while moving; turning has weight 1",
+        );
+        let memory = s.number(
+            "memory_frames",
+            0.0,
+            "frames",
+            Range::within(0.0, 1e12),
+            "frames fade with this time constant; 0: never",
+        );
+        Slow { features, lambda, move_weight, memory_frames: (memory > 0.0).then_some(memory) }
+    }
+}
+
+impl Value {
+    fn read(s: &mut Section<'_, '_>) -> Self {
+        Value {
+            gamma: s.number("gamma", 0.9, "per action", Range::within(0.0, 0.9999), "discount"),
+            ridge: s.number("ridge", 0.1, "", Range::within(0.0, 1e9), "on the diagonal of the summed system"),
+            window: s.count("window", 20_000, "transitions", 10, 10_000_000, "rolling window"),
+            mixing: s.number("mixing", 0.3, "", Range::above(0.0, 1.0), "share of the greedy policy in each iteration"),
+            max_iterations: s.count("max_iterations", 40, "", 1, 10_000, "largest number of policy evaluations"),
+            tolerance: s.number("tolerance", 1e-3, "", Range::above(0.0, 1.0), "change of weights that counts as none"),
+            balance: s.number(
+                "balance",
+                0.5,
+                "",
+                Range::within(0.0, 1.0),
+                "0: transitions weigh alike, 1: every (cell, action) weighs alike",
+            ),
+        }
+    }
+}
+
+impl Policy {
+    fn read(s: &mut Section<'_, '_>) -> Self {
+        Policy {
+            explore_actions: s.count(
+                "explore_actions",
+                6000,
+                "actions",
+                0,
+                1_000_000_000,
+                "pure exploration at the start",
+            ),
+            pursue_share: s.number(
+                "pursue_share",
+                0.5,
+                "",
+                Range::within(0.0, 1.0),
+                "share of pursuits among legs at the end of the run",
+            ),
+            explore_leg: s.count("explore_leg", 40, "actions", 1, 1_000_000, "length of a leg of exploration"),
+            pursue_leg: s.count("pursue_leg", 40, "actions", 1, 1_000_000, "a pursuit gives up after"),
+            forward_probability: s.number(
+                "forward_probability",
+                0.5,
+                "",
+                Range::within(0.01, 0.99),
+                "random walk: probability of forward",
+            ),
+            sonar_stop: s.number(
+                "sonar_stop",
+                0.10,
+                "m",
+                Range::within(0.0, 10.0),
+                "random walk: no forward with less clearance ahead",
+            ),
+            sonar_heed: s.number(
+                "sonar_heed",
+                0.5,
+                "share",
+                Range::within(0.0, 1.0),
+                "times that the sonar reflex is heeded; contacts must be learned too",
+            ),
+            no_repeat_blocked: s.flag(
+                "no_repeat_blocked",
+                true,
+                "reflex: an action that was just blocked is not repeated",
+            ),
+            no_undo_turn: s.flag("no_undo_turn", true, "reflex: a turn is not undone by the opposite turn"),
+        }
+    }
+}
+
+impl Agent {
+    fn read(s: &mut Section<'_, '_>) -> Self {
+        Agent {
+            mode: s.choice(
+                "mode",
+                0,
+                &[("lockstep", Mode::Lockstep), ("realtime", Mode::Realtime)],
+                "a model takes effect latency_frames after the request, or when it is ready",
+            ),
+            resolve_frames: s.count(
+                "resolve_frames",
+                5000,
+                "frames",
+                10,
+                1_000_000_000,
+                "between two requests for a model",
+            ),
+            latency_frames: s.count(
+                "latency_frames",
+                2500,
+                "frames",
+                0,
+                1_000_000_000,
+                "from request to effect (lockstep)",
+            ),
+            queue: s.count("queue", 64, "messages", 1, 65_536, "capacity of the queues between actors"),
+        }
+    }
+}
+
+impl Evaluate {
+    fn read(s: &mut Section<'_, '_>) -> Self {
+        Evaluate {
+            starts: s.count("starts", 200, "", 1, 1_000_000, "random starts per task"),
+            max_steps: s.count("max_steps", 100, "actions", 1, 1_000_000, "a trial fails after"),
+            every: s.count("every", 1, "models", 0, 1_000_000, "evaluate during the run; 0: only the last"),
+            decode_train: s.count("decode_train", 2000, "poses", 2, 1_000_000, "decoding of the pose is learned from"),
+            decode_test: s.count("decode_test", 1000, "poses", 1, 1_000_000, "and tested on"),
+        }
+    }
+}
+
+impl Log {
+    fn read(s: &mut Section<'_, '_>) -> Self {
+        Log {
+            compression: s.choice(
+                "compression",
+                0,
+                &[("zstd", Compression::Zstd), ("lz4", Compression::Lz4), ("none", Compression::None)],
+                "of chunks",
+            ),
+            chunk_bytes: s.count("chunk_bytes", 262_144, "bytes", 1024, 1 << 30, "size of a chunk before compression"),
+            flush_seconds: s.number("flush_seconds", 1.0, "s", Range::above(0.0, 1.0), "longest time in memory only"),
+        }
+    }
+}
+
+impl Task {
+    fn read(s: &mut Section<'_, '_>, index: usize) -> Self {
+        Task {
+            name: s.text("name", &format!("task {}", index + 1), "unique name"),
+            goal: s.point("goal", [1.5, 0.9], "centre of the goal area"),
+            radius: s.number("radius", 0.2, "m", Range::above(0.0, 1000.0), "radius of the goal area"),
+            reward: s.number("reward", 1.0, "", Range::above(0.0, 1e6), "for an action that ends in the goal area"),
+            wall_reward: s.number(
+                "wall_reward",
+                -1.0,
+                "",
+                Range::within(-1e6, 0.0),
+                "for an action that ends near a wall, outside the goal area",
+            ),
+            wall_distance: s.number(
+                "wall_distance",
+                0.5,
+                "m",
+                Range::within(0.0, 1000.0),
+                "robot centre to wall that counts as near",
+            ),
+            absorbing: s.flag("absorbing", false, "whether values count the goal as the end of an episode"),
+            then: s.choice(
+                "then",
+                0,
+                &[("schedule", Then::Schedule), ("explore", Then::Explore), ("next_task", Then::NextTask)],
+                "what follows when the goal is reached",
+            ),
+        }
+    }
+}

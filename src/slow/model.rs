@@ -1,0 +1,94 @@
+//! Slow features in the form in which they are used: `φ(x) = [1, Aᵀk(x) − c]`.
+
+use std::sync::Arc;
+
+use faer::linalg::matmul::matmul;
+use faer::linalg::triangular_solve::solve_upper_triangular_in_place;
+use faer::{Accum, Mat, MatRef, Par};
+
+use super::solve::SlowFeatures;
+use crate::dictionary::Dictionary;
+use crate::kernel::{Kernel, Scalar, squared_norms};
+
+/// Slow features over the support vectors of one moment, independent of the dictionary's further growth.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SlowModel<T: Scalar> {
+    /// The kernel.
+    pub kernel: Kernel,
+    /// Support vectors, `d × m`.
+    pub members: Arc<Mat<T>>,
+    /// `A = L⁻ᵀW`, `m × k`.
+    pub projection: Mat<f64>,
+    /// `c = Wᵀv̄`, `k`.
+    pub offset: Vec<f64>,
+    /// Slowness of each feature on the training frames, ascending, `k`.
+    pub slowness: Vec<f64>,
+    norms: Vec<f64>,
+}
+
+impl<T: Scalar> SlowModel<T> {
+    /// The runtime form of features that were solved over `dictionary`.
+    ///
+    /// # Panics
+    /// If the features have another number of coordinates than the dictionary has support vectors.
+    pub fn new(dictionary: &Dictionary<T>, features: &SlowFeatures) -> Self {
+        assert_eq!(features.weights.nrows(), dictionary.len());
+        let mut projection = features.weights.clone();
+        solve_upper_triangular_in_place(dictionary.factor().transpose(), projection.as_mut(), Par::Seq);
+        let centre = features.weights.transpose() * &features.mean;
+        Self::from_parts(
+            dictionary.parameters().kernel,
+            dictionary.members().to_owned(),
+            projection,
+            (0..centre.nrows()).map(|i| centre[(i, 0)]).collect(),
+            features.slowness.clone(),
+        )
+    }
+
+    /// A model from its stored parts.
+    ///
+    /// # Shapes
+    /// `members: d × m`, `projection: m × k`, `offset: k`, `slowness: k`.
+    ///
+    /// # Panics
+    /// If the shapes do not fit.
+    pub fn from_parts(
+        kernel: Kernel,
+        members: Mat<T>,
+        projection: Mat<f64>,
+        offset: Vec<f64>,
+        slowness: Vec<f64>,
+    ) -> Self {
+        assert_eq!(projection.nrows(), members.ncols());
+        assert_eq!(projection.ncols(), offset.len());
+        assert_eq!(projection.ncols(), slowness.len());
+        let norms = squared_norms(members.as_ref());
+        SlowModel { kernel, members: Arc::new(members), projection, offset, slowness, norms }
+    }
+
+    /// Number of features, the constant one included: `k + 1`.
+    pub fn features(&self) -> usize {
+        self.offset.len() + 1
+    }
+
+    /// Features of observations: `x: d × n` gives `(k + 1) × n`; the first row is the constant feature 1.
+    ///
+    /// # Panics
+    /// If the observations have another length than the support vectors.
+    pub fn apply(&self, x: MatRef<'_, T>, par: Par) -> Mat<f64> {
+        self.apply_to_rows(self.kernel_rows(x, par).as_ref(), par)
+    }
+
+    /// Kernel rows `k(x)`: `x: d × n` gives `m × n`.
+    pub fn kernel_rows(&self, x: MatRef<'_, T>, par: Par) -> Mat<f64> {
+        self.kernel.matrix(self.members.as_ref().as_ref(), &self.norms, x, &squared_norms(x), par)
+    }
+
+    /// Features from kernel rows: `m × n` gives `(k + 1) × n`.
+    pub fn apply_to_rows(&self, rows: MatRef<'_, f64>, par: Par) -> Mat<f64> {
+        let k = self.offset.len();
+        let mut phi = Mat::from_fn(k + 1, rows.ncols(), |i, _| if i == 0 { 1.0 } else { -self.offset[i - 1] });
+        matmul(phi.as_mut().subrows_mut(1, k), Accum::Add, self.projection.transpose(), rows, 1.0, par);
+        phi
+    }
+}

@@ -1,0 +1,198 @@
+//! Running sums over Newton coordinates, from which slow features are solved.
+//!
+//! `n`, `Σv`, `Σvvᵀ` and `Σ g·v̇v̇ᵀ` are kept in `f64`. A derivative exists only between frames that follow each other:
+//! a gap, a restart or a teleport gives none. Sums can be grown by coordinates that come later ([`Moments::grow`]), and
+//! can fade ([`Moments::fade`]) for scenes that change.
+
+use faer::linalg::matmul::triangular::{BlockStructure, matmul as triangular_matmul};
+use faer::{Accum, Mat, MatRef, Par};
+
+/// How a frame follows the one before it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Link {
+    /// Time since the frame before it, in seconds (or any unit, kept throughout); > 0.
+    pub dt: f64,
+    /// Weight `g` of this derivative, ≥ 0.
+    pub weight: f64,
+}
+
+/// The running sums over `m` coordinates.
+#[derive(Debug, Clone)]
+pub struct Moments {
+    /// Weighted number of frames.
+    frames: f64,
+    /// `Σv`, `m × 1`.
+    sum: Mat<f64>,
+    /// Lower triangle of `Σvvᵀ`, `m × m`.
+    square: Mat<f64>,
+    /// `Σg`.
+    links: f64,
+    /// Lower triangle of `Σ g·v̇v̇ᵀ`, `m × m`.
+    derivative: Mat<f64>,
+    par: Par,
+}
+
+impl Moments {
+    /// Sums over no frames and no coordinates.
+    pub fn new(par: Par) -> Self {
+        Moments { frames: 0.0, sum: Mat::zeros(0, 1), square: Mat::new(), links: 0.0, derivative: Mat::new(), par }
+    }
+
+    /// Number of coordinates `m` in the sums.
+    pub fn size(&self) -> usize {
+        self.sum.nrows()
+    }
+
+    /// Number of frames in the sums (weighted, if they fade).
+    pub fn frames(&self) -> f64 {
+        self.frames
+    }
+
+    /// Sum of the weights of all derivatives.
+    pub fn links(&self) -> f64 {
+        self.links
+    }
+
+    /// Add a block of frames.
+    ///
+    /// # Shapes
+    /// `v: m × b`, the coordinates of the frames; `rates: m × l`, the derivatives `√g·v̇` ([`rates`]) of those that have one;
+    /// `weight`: the sum of the `g` of these.
+    ///
+    /// # Panics
+    /// If the rows are not [`Moments::size`].
+    pub fn add(&mut self, v: MatRef<'_, f64>, rates: MatRef<'_, f64>, weight: f64) {
+        assert_eq!(v.nrows(), self.size());
+        self.frames += v.ncols() as f64;
+        self.links += weight;
+        add_column_sums(&mut self.sum, 0, v, 1.0);
+        add_lower(&mut self.square, v, self.par);
+        add_lower(&mut self.derivative, rates, self.par);
+    }
+
+    /// Make room for coordinates `size() .. m`, zero so far.
+    pub fn widen(&mut self, m: usize) {
+        if m > self.square.col_stride().unsigned_abs() {
+            let capacity = m + m / 2 + 64;
+            self.square.reserve(capacity, capacity);
+            self.derivative.reserve(capacity, capacity);
+        }
+        self.sum.resize_with(m, 1, |_, _| 0.0);
+        self.square.resize_with(m, m, |_, _| 0.0);
+        self.derivative.resize_with(m, m, |_, _| 0.0);
+    }
+
+    /// Add what frames that are in the sums already contribute to coordinates `from .. m`, which they got later.
+    ///
+    /// # Shapes
+    /// `v: m × b` and `rates: m × l`, all rows, of which those before `from` are in the sums already; `weight`: factor
+    /// by which these frames have faded since they were added.
+    pub fn grow(&mut self, from: usize, v: MatRef<'_, f64>, rates: MatRef<'_, f64>, weight: f64) {
+        assert_eq!(v.nrows(), self.size());
+        let new = self.size() - from;
+        add_column_sums(&mut self.sum, from, v.subrows(from, new), weight);
+        for (target, columns) in [(&mut self.square, v), (&mut self.derivative, rates)] {
+            let (old_rows, new_rows) = columns.split_at_row(from);
+            let (_, _, mut cross, mut corner) = target.as_mut().split_at_mut(from, from);
+            faer::linalg::matmul::matmul(cross.as_mut(), Accum::Add, new_rows, old_rows.transpose(), weight, self.par);
+            triangular_matmul(
+                corner.as_mut(),
+                BlockStructure::TriangularLower,
+                Accum::Add,
+                new_rows,
+                BlockStructure::Rectangular,
+                new_rows.transpose(),
+                BlockStructure::Rectangular,
+                weight,
+                self.par,
+            );
+        }
+    }
+
+    /// Let all sums fade by a factor in (0, 1].
+    pub fn fade(&mut self, factor: f64) {
+        self.frames *= factor;
+        self.links *= factor;
+        for matrix in [&mut self.sum, &mut self.square, &mut self.derivative] {
+            *matrix *= faer::Scale(factor);
+        }
+    }
+
+    /// Mean coordinates `v̄`, `m × 1`.
+    pub fn mean(&self) -> Mat<f64> {
+        &self.sum * faer::Scale(1.0 / self.frames)
+    }
+
+    /// Centred covariance `C` of the coordinates (divided by n), `m × m`, both triangles.
+    pub fn covariance(&self) -> Mat<f64> {
+        let mean = self.mean();
+        symmetric(self.size(), |i, j| self.square[(i, j)] / self.frames - mean[(i, 0)] * mean[(j, 0)])
+    }
+
+    /// Weighted mean `Ḋ` of `v̇v̇ᵀ`, `m × m`, both triangles. The difference is not centred.
+    pub fn rate(&self) -> Mat<f64> {
+        symmetric(self.size(), |i, j| self.derivative[(i, j)] / self.links)
+    }
+}
+
+/// Derivatives `√g·(v_t − v_{t−1})/Δt` of the frames of a block that have a link.
+///
+/// # Shapes
+/// `v: m × b`, `links: b`, `before: m × 1`, the last frame before the block, if its first frame has a link. The result is
+/// `m × l`, with the sum of the weights.
+///
+/// # Panics
+/// If the first frame has a link and nothing stands before it.
+pub(super) fn rates(v: MatRef<'_, f64>, links: &[Option<Link>], before: Option<MatRef<'_, f64>>) -> (Mat<f64>, f64) {
+    let linked: Vec<(usize, Link)> = links.iter().enumerate().filter_map(|(t, link)| link.map(|l| (t, l))).collect();
+    let weight = linked.iter().map(|(_, link)| link.weight).sum();
+    let mut rates = Mat::<f64>::zeros(v.nrows(), linked.len());
+    for (column, &(t, link)) in linked.iter().enumerate() {
+        let scale = link.weight.sqrt() / link.dt;
+        let earlier = match (t, before) {
+            (0, Some(before)) => before.col(0),
+            (0, None) => panic!("the first frame of a block has a link, but no frame stands before it"),
+            (t, _) => v.col(t - 1),
+        };
+        let now = v.col(t);
+        for (row, rate) in rates.col_mut(column).iter_mut().enumerate() {
+            *rate = (now[row] - earlier[row]) * scale;
+        }
+    }
+    (rates, weight)
+}
+
+fn add_column_sums(sum: &mut Mat<f64>, from: usize, v: MatRef<'_, f64>, weight: f64) {
+    for j in 0..v.ncols() {
+        for i in 0..v.nrows() {
+            sum[(from + i, 0)] += weight * v[(i, j)];
+        }
+    }
+}
+
+fn add_lower(target: &mut Mat<f64>, columns: MatRef<'_, f64>, par: Par) {
+    triangular_matmul(
+        target.as_mut(),
+        BlockStructure::TriangularLower,
+        Accum::Add,
+        columns,
+        BlockStructure::Rectangular,
+        columns.transpose(),
+        BlockStructure::Rectangular,
+        1.0,
+        par,
+    );
+}
+
+/// Fill a symmetric matrix from a function of its lower triangle.
+fn symmetric(m: usize, lower: impl Fn(usize, usize) -> f64) -> Mat<f64> {
+    let mut full = Mat::zeros(m, m);
+    for j in 0..m {
+        for i in j..m {
+            let value = lower(i, j);
+            full[(i, j)] = value;
+            full[(j, i)] = value;
+        }
+    }
+    full
+}

@@ -1,0 +1,177 @@
+//! From moments to slow features.
+//!
+//! Minimise `wᵀ(Ḋ + λI)w` subject to `wᵀCw = 1` and `w_iᵀCw_j = 0`. With `RRᵀ = Ḋ + λI` the slowest features are the
+//! largest eigenvalues μ of `M = R⁻¹CR⁻ᵀ`: `w = R⁻ᵀu/√μ`. This is the dense reference solver.
+//!
+//! In the Newton basis `‖w‖` is the norm of the feature in the kernel's Hilbert space, so the regulariser of regularised
+//! sparse kernel SFA is this plain `λI`.
+
+use faer::linalg::solvers::LltError;
+use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
+use faer::{Mat, MatRef, Par, Side};
+use thiserror::Error;
+
+use super::moments::Moments;
+
+/// Why slow features could not be solved.
+#[derive(Debug, Error, Clone, PartialEq)]
+pub enum SlowError {
+    /// Too little was seen.
+    #[error("slow features need at least 2 frames and 1 derivative: there are {frames} and a weight of {links}")]
+    TooFewFrames {
+        /// Frames in the moments.
+        frames: f64,
+        /// Sum of the weights of the derivatives.
+        links: f64,
+    },
+    /// More features than there are directions with variance, or none.
+    #[error(
+        "{asked} features are asked for, but the observations span {rank} directions only: allowed are 1 to {rank}"
+    )]
+    Features {
+        /// Features asked for.
+        asked: usize,
+        /// Directions in which the observations vary.
+        rank: usize,
+    },
+    /// λ must not be negative.
+    #[error("lambda = {0} is not allowed: it must be ≥ 0 and finite")]
+    Lambda(f64),
+    /// `Ḋ + λI` is singular.
+    #[error(
+        "the derivatives span too few of the {size} directions for lambda = {lambda}: raise lambda (1e-7 suits kernels with k(x,x) = 1)"
+    )]
+    Singular {
+        /// Number of coordinates.
+        size: usize,
+        /// The regulariser.
+        lambda: f64,
+    },
+    /// The eigenvalue iteration did not converge; this points to values that are not finite.
+    #[error("the eigenvalues of a {0} × {0} matrix did not converge: its values are not finite")]
+    Eigenvalues(usize),
+}
+
+/// The `k` slowest features of `m` Newton coordinates: `φ(x) = Wᵀ(v(x) − v̄)`.
+#[derive(Debug, Clone)]
+pub struct SlowFeatures {
+    /// Weights `W`, `m × k`, one feature a column, slowest first.
+    pub weights: Mat<f64>,
+    /// Mean coordinates `v̄`, `m × 1`.
+    pub mean: Mat<f64>,
+    /// Slowness `Δ = wᵀḊw` of each feature on the training frames (without λ), ascending, `k`.
+    pub slowness: Vec<f64>,
+    /// Regulariser λ it was solved with.
+    pub lambda: f64,
+}
+
+/// Eigenvalues below this share of the largest one are directions without variance: rounding of the sums is about
+/// n·2⁻⁵³ of it.
+const RANK_TOLERANCE: f64 = 1e-13;
+
+/// Features count as equally slow, and may be rotated among each other, when their slowness differs by less than this share.
+const EQUAL_SLOWNESS: f64 = 1e-3;
+
+/// The `features` slowest features, exactly: unit variance and no correlation on the training frames, slowest first.
+///
+/// `previous` is an earlier solution over the first coordinates (they do not change when a dictionary grows): signs are
+/// chosen to agree with it, and equally slow features are rotated towards it, so that features do not jump.
+///
+/// # Errors
+/// See [`SlowError`].
+///
+/// # Reference
+/// Thesis §4.3.1 (linear SFA) and §4.3.3; Böhmer et al., ECML 2011 (the regulariser). The thesis's listing of kernel SFA
+/// centres with an operator of the wrong size and scales to variance 1/n; DESIGN §2 has the corrections.
+pub fn solve(
+    moments: &Moments,
+    features: usize,
+    lambda: f64,
+    previous: Option<&SlowFeatures>,
+) -> Result<SlowFeatures, SlowError> {
+    if !(lambda >= 0.0 && lambda.is_finite()) {
+        return Err(SlowError::Lambda(lambda));
+    }
+    if moments.frames() < 2.0 || moments.links() <= 0.0 {
+        return Err(SlowError::TooFewFrames { frames: moments.frames(), links: moments.links() });
+    }
+    let m = moments.size();
+    let covariance = moments.covariance();
+    let rate = moments.rate();
+    let mut weights = slowest(&covariance, &rate, features, lambda)?;
+    let mut slowness = diagonal_of(weights.as_ref(), rate.as_ref());
+    sort_columns(&mut weights, &mut slowness);
+    if let Some(previous) = previous {
+        let mut old = previous.weights.clone();
+        old.resize_with(m, previous.weights.ncols(), |_, _| 0.0);
+        align(&mut weights, &slowness, (&covariance * &old).as_ref());
+        slowness = diagonal_of(weights.as_ref(), rate.as_ref());
+        sort_columns(&mut weights, &mut slowness);
+    }
+    Ok(SlowFeatures { weights, mean: moments.mean(), slowness, lambda })
+}
+
+/// The dense generalised eigenproblem: weights of the `features` largest μ, scaled to unit variance.
+fn slowest(covariance: &Mat<f64>, rate: &Mat<f64>, features: usize, lambda: f64) -> Result<Mat<f64>, SlowError> {
+    let m = covariance.nrows();
+    let regularised = Mat::from_fn(m, m, |i, j| rate[(i, j)] + if i == j { lambda } else { 0.0 });
+    let cholesky = regularised.llt(Side::Lower).map_err(|error| match error {
+        LltError::NonPositivePivot { .. } => SlowError::Singular { size: m, lambda },
+    })?;
+    let r = cholesky.L();
+    // M = R⁻¹CR⁻ᵀ, by two triangular solves. faer's eigensolver gives other bits for other numbers of threads: one it is.
+    let mut half = covariance.clone();
+    solve_lower_triangular_in_place(r, half.as_mut(), Par::Seq);
+    let mut whole = half.transpose().to_owned();
+    solve_lower_triangular_in_place(r, whole.as_mut(), Par::Seq);
+    let eigen = whole.self_adjoint_eigen(Side::Lower).map_err(|_| SlowError::Eigenvalues(m))?;
+    let mu: Vec<f64> = (0..m).map(|i| eigen.S()[m - 1 - i]).collect();
+    let rank = mu.iter().take_while(|&&value| value > RANK_TOLERANCE * mu[0]).count();
+    if features == 0 || features > rank {
+        return Err(SlowError::Features { asked: features, rank });
+    }
+    let mut weights = Mat::from_fn(m, features, |i, j| eigen.U()[(i, m - 1 - j)] / mu[j].sqrt());
+    solve_upper_triangular_in_place(r.transpose(), weights.as_mut(), Par::Seq);
+    Ok(weights)
+}
+
+/// Diagonal of `WᵀAW`.
+fn diagonal_of(weights: MatRef<'_, f64>, a: MatRef<'_, f64>) -> Vec<f64> {
+    let product = a * weights;
+    (0..weights.ncols()).map(|j| (0..weights.nrows()).map(|i| weights[(i, j)] * product[(i, j)]).sum()).collect()
+}
+
+/// λ moves single features out of the order of their own Δ: put the columns in ascending order of slowness.
+fn sort_columns(weights: &mut Mat<f64>, slowness: &mut [f64]) {
+    let mut order: Vec<usize> = (0..slowness.len()).collect();
+    order.sort_by(|&a, &b| slowness[a].total_cmp(&slowness[b]));
+    *weights = Mat::from_fn(weights.nrows(), weights.ncols(), |i, j| weights[(i, order[j])]);
+    slowness.sort_by(f64::total_cmp);
+}
+
+/// Rotate groups of equally slow features, and flip the rest, towards an earlier solution.
+///
+/// `target = C·W_old`, so that `Wᵀ·target` are correlations between new and old features. Each group takes the orthogonal
+/// matrix that brings it closest to the old features at its places (Procrustes); for a group of one that is its sign.
+fn align(weights: &mut Mat<f64>, slowness: &[f64], target: MatRef<'_, f64>) {
+    let k = weights.ncols().min(target.ncols());
+    let mut start = 0;
+    while start < k {
+        let mut end = start + 1;
+        while end < k && slowness[end] - slowness[start] < EQUAL_SLOWNESS * slowness[start] {
+            end += 1;
+        }
+        let group = weights.as_ref().subcols(start, end - start).to_owned();
+        let correlation = group.transpose() * target.subcols(start, end - start);
+        if end - start == 1 {
+            if correlation[(0, 0)] < 0.0 {
+                weights.col_mut(start).iter_mut().for_each(|w| *w = -*w);
+            }
+        } else if let Ok(svd) = correlation.svd() {
+            let rotation = svd.U() * svd.V().transpose();
+            let rotated = &group * rotation;
+            weights.as_mut().subcols_mut(start, end - start).copy_from(&rotated);
+        }
+        start = end;
+    }
+}

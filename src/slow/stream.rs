@@ -1,0 +1,181 @@
+//! The learning stream: frames in blocks → dictionary → Newton coordinates → moments.
+//!
+//! New support vectors give every retained frame new coordinates. They are filled in for whole batches of new support
+//! vectors at a time ([`SlowStream::settle`]), and the moments then equal those of a batch run over the same frames with
+//! the final dictionary. Frames that are no longer retained count as zero in coordinates that came after they left.
+
+use std::collections::VecDeque;
+
+use faer::{Mat, MatRef, Par};
+
+use super::moments::{Link, Moments, rates};
+use crate::dictionary::{Block, Dictionary, DictionaryError, Parameters};
+use crate::kernel::{Scalar, squared_norms};
+
+/// Options of a [`SlowStream`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Options {
+    /// The dictionary.
+    pub dictionary: Parameters,
+    /// Frames whose coordinates are kept for filling in; memory is `retained · (8 m + d · size of a value)` bytes.
+    pub retained: usize,
+    /// Frames fade with this time constant, in frames; `None`: they never do.
+    pub memory_frames: Option<f64>,
+    /// New support vectors are settled at the latest when this many have gathered.
+    pub settle_at: usize,
+}
+
+/// A block of frames that is retained.
+#[derive(Debug, Clone)]
+struct Retained<T: Scalar> {
+    x: Mat<T>,
+    norms: Vec<f64>,
+    /// Coordinates, as many rows as the dictionary had when they were last filled in.
+    v: Mat<f64>,
+    links: Vec<Option<Link>>,
+    /// Factor by which the block has faded.
+    weight: f64,
+}
+
+/// Dictionary, moments and retained frames.
+#[derive(Debug, Clone)]
+pub struct SlowStream<T: Scalar> {
+    options: Options,
+    dictionary: Dictionary<T>,
+    moments: Moments,
+    retained: VecDeque<Retained<T>>,
+    frames: usize,
+}
+
+impl<T: Scalar> SlowStream<T> {
+    /// An empty stream.
+    ///
+    /// # Errors
+    /// Invalid dictionary parameters.
+    pub fn new(options: Options) -> Result<Self, DictionaryError> {
+        Ok(SlowStream {
+            dictionary: Dictionary::new(options.dictionary)?,
+            moments: Moments::new(options.dictionary.par),
+            retained: VecDeque::new(),
+            frames: 0,
+            options,
+        })
+    }
+
+    /// The dictionary.
+    pub fn dictionary(&self) -> &Dictionary<T> {
+        &self.dictionary
+    }
+
+    /// Number of frames seen.
+    pub fn frames(&self) -> usize {
+        self.frames
+    }
+
+    /// The moments over all coordinates of the dictionary, after [`SlowStream::settle`].
+    pub fn settled_moments(&mut self) -> &Moments {
+        self.settle();
+        &self.moments
+    }
+
+    /// Take a block of consecutive frames.
+    ///
+    /// # Shapes
+    /// `x: d × b`; `links: b`, `None` where a frame does not follow the one before it (the first frame of all never does).
+    ///
+    /// # Errors
+    /// Those of [`Dictionary::observe`]; nothing is changed then.
+    pub fn push(&mut self, x: MatRef<'_, T>, links: &[Option<Link>]) -> Result<Block, DictionaryError> {
+        assert_eq!(x.ncols(), links.len());
+        let block = self.dictionary.observe(x)?;
+        let mut links = links.to_vec();
+        if self.retained.is_empty()
+            && let Some(first) = links.first_mut()
+        {
+            *first = None;
+        }
+        if let Some(tau) = self.options.memory_frames {
+            let factor = (-(x.ncols() as f64) / tau).exp();
+            self.moments.fade(factor);
+            self.retained.iter_mut().for_each(|chunk| chunk.weight *= factor);
+        }
+        let known = self.moments.size();
+        let v = block.coordinates.as_ref().subrows(0, known);
+        let before = self.retained.back().map(|chunk| {
+            let last = chunk.v.ncols() - 1;
+            chunk.v.as_ref().submatrix(0, last, known, 1)
+        });
+        let (rates, weight) = rates(v, &links, before);
+        self.moments.add(v, rates.as_ref(), weight);
+        self.frames += x.ncols();
+        self.retained.push_back(Retained {
+            x: x.to_owned(),
+            norms: squared_norms(x),
+            v: block.coordinates.clone(),
+            links,
+            weight: 1.0,
+        });
+        if self.dictionary.len() - known >= self.options.settle_at {
+            self.settle();
+        }
+        self.forget();
+        Ok(block)
+    }
+
+    /// Fill in the coordinates that retained frames got by growth, and bring the moments up to date.
+    pub fn settle(&mut self) {
+        let (from, m) = (self.moments.size(), self.dictionary.len());
+        if from == m {
+            return;
+        }
+        for chunk in &mut self.retained {
+            let had = chunk.v.nrows();
+            if had < m {
+                let new = self.dictionary.new_coordinates(chunk.x.as_ref(), &chunk.norms, chunk.v.as_ref());
+                if m > chunk.v.col_stride().unsigned_abs() {
+                    let capacity = (m + m / 4).min(self.options.dictionary.budget).max(m);
+                    chunk.v.reserve(capacity, chunk.v.ncols());
+                }
+                let columns = chunk.v.ncols();
+                chunk.v.resize_with(m, columns, |i, j| new[(i - had, j)]);
+            }
+        }
+        self.moments.widen(m);
+        let mut before: Option<MatRef<'_, f64>> = None;
+        for chunk in &self.retained {
+            let v = chunk.v.as_ref();
+            // The oldest retained frame has lost its predecessor: that derivative keeps zero in the new coordinates.
+            let mut links = chunk.links.clone();
+            if before.is_none() {
+                links[0] = None;
+            }
+            let (rates, _) = rates(v, &links, before);
+            self.moments.grow(from, v, rates.as_ref(), chunk.weight);
+            before = Some(v.subcols(v.ncols() - 1, 1));
+        }
+    }
+
+    /// Drop the oldest blocks beyond the number of retained frames; the newest block always stays.
+    fn forget(&mut self) {
+        let mut kept: usize = self.retained.iter().map(|chunk| chunk.v.ncols()).sum();
+        while self.retained.len() > 1 && kept > self.options.retained {
+            // What is pending would be lost for the block that leaves.
+            self.settle();
+            kept -= self.retained.pop_front().map_or(0, |chunk| chunk.v.ncols());
+        }
+    }
+
+    /// Bytes held by the dictionary, the moments and the retained frames at their present size.
+    pub fn bytes(&self) -> usize {
+        let m = self.dictionary.len();
+        let value = size_of::<T>();
+        let frames: usize =
+            self.retained.iter().map(|chunk| chunk.v.ncols() * (8 * chunk.v.nrows() + value * chunk.x.nrows())).sum();
+        frames + 3 * 8 * m * m + value * m * self.dictionary.members().nrows()
+    }
+
+    /// Threads used for products.
+    pub fn par(&self) -> Par {
+        self.options.dictionary.par
+    }
+}

@@ -1,0 +1,236 @@
+//! Least-squares policy iteration over a fixed set of transitions.
+//!
+//! The weights of action `a` solve the block row `G_a w_a − γ Σ_b M_ab w_b = Σ_{i: a_i = a} ω_i φ_i r_i`, with
+//! `G_a = Σ_{i: a_i = a} ω_i φ_i φ_iᵀ`, which does not depend on the policy and is built once, and
+//! `M_ab = Σ_{i: a_i = a} ω_i π(b | x′_i) φ_i φ′_iᵀ`.
+//!
+//! The first evaluation is of the policy that takes all actions alike (thesis §5.3.2: this doubled the range in which
+//! the iteration converges). Later ones move it towards the greedy policy, `π ← (1 − β)π + β·greedy`: with β = 1 this is
+//! plain LSPI, which can run in circles; such a circle is found and reported.
+
+use std::collections::HashMap;
+
+use faer::linalg::matmul::matmul;
+use faer::{Accum, Mat, MatRef, Par};
+
+use super::ValueError;
+use super::lstd::solve_or_pseudo_inverse;
+
+/// States and the actions taken in them: column `i` of `phi` is what was seen before action `actions[i]`.
+#[derive(Debug, Clone, Copy)]
+pub struct Samples<'a> {
+    /// `Φ`, `f × N`.
+    pub phi: MatRef<'a, f64>,
+    /// Action numbers, `N`, each below the number of actions.
+    pub actions: &'a [usize],
+    /// Weights `ω` ≥ 0, `N`.
+    pub weights: &'a [f64],
+}
+
+/// Options of [`Lspi::fit`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Options {
+    /// Discount γ per action, in [0, 1).
+    pub gamma: f64,
+    /// Added to the diagonal of the summed system, ≥ 0.
+    pub ridge: f64,
+    /// β: share of the greedy policy in each step, in (0, 1].
+    pub mixing: f64,
+    /// Give up after this many evaluations.
+    pub max_iterations: usize,
+    /// Converged when no weight changes by more than this share of the largest one.
+    pub tolerance: f64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Options { gamma: 0.9, ridge: 0.0, mixing: 1.0, max_iterations: 100, tolerance: 1e-6 }
+    }
+}
+
+/// The result of policy iteration.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Fit {
+    /// `Q(x, a) = φ(x)ᵀ w_a`, `f × A`, one action a column.
+    pub weights: Mat<f64>,
+    /// Evaluations done.
+    pub iterations: usize,
+    /// Whether the weights and the greedy actions stopped changing.
+    pub converged: bool,
+    /// Length of the circle in which the greedy policy ran, if it did.
+    pub cycle: Option<usize>,
+}
+
+/// The part of the problem that depends on neither policy nor rewards; tasks share it.
+#[derive(Debug)]
+pub struct Lspi<'a> {
+    data: Samples<'a>,
+    actions: usize,
+    /// Transition numbers of each action.
+    members: Vec<Vec<usize>>,
+    /// `ω_i φ_i` of the members of each action, `f × N_a`.
+    weighted: Vec<Mat<f64>>,
+    /// `G_a`, `f × f`.
+    gram: Vec<Mat<f64>>,
+    par: Par,
+}
+
+impl<'a> Lspi<'a> {
+    /// Prepare the samples for fitting.
+    ///
+    /// # Errors
+    /// Lists of different lengths, no transitions, an action out of range.
+    pub fn new(data: Samples<'a>, actions: usize, par: Par) -> Result<Self, ValueError> {
+        let n = data.phi.ncols();
+        if n == 0 {
+            return Err(ValueError::Empty);
+        }
+        for (what, found) in [("actions", data.actions.len()), ("weights", data.weights.len())] {
+            if found != n {
+                return Err(ValueError::Length { what, found, expected: n });
+            }
+        }
+        let mut members = vec![Vec::new(); actions];
+        for (index, &action) in data.actions.iter().enumerate() {
+            members.get_mut(action).ok_or(ValueError::Action { index, action, actions })?.push(index);
+        }
+        let f = data.phi.nrows();
+        let mut weighted = Vec::with_capacity(actions);
+        let mut gram = Vec::with_capacity(actions);
+        for of_action in &members {
+            let plain = Mat::from_fn(f, of_action.len(), |i, j| data.phi[(i, of_action[j])]);
+            let heavy = Mat::from_fn(f, of_action.len(), |i, j| plain[(i, j)] * data.weights[of_action[j]]);
+            let mut g = Mat::zeros(f, f);
+            matmul(g.as_mut(), Accum::Replace, heavy.as_ref(), plain.transpose(), 1.0, par);
+            weighted.push(heavy);
+            gram.push(g);
+        }
+        Ok(Lspi { data, actions, members, weighted, gram, par })
+    }
+
+    /// Policy iteration for one task.
+    ///
+    /// # Shapes
+    /// `next`: `Φ′`, `f × N`, what was seen after each action, a zero column where the episode ended; `rewards`: `N`.
+    ///
+    /// # Errors
+    /// `next` or rewards of another length, options outside their ranges, values that are not finite.
+    ///
+    /// # Reference
+    /// Lagoudakis & Parr 2003; thesis §3.3, algorithm 5.
+    pub fn fit(&self, next: MatRef<'_, f64>, rewards: &[f64], options: &Options) -> Result<Fit, ValueError> {
+        let n = self.data.phi.ncols();
+        for (what, found) in [("next", next.ncols()), ("rewards", rewards.len())] {
+            if found != n {
+                return Err(ValueError::Length { what, found, expected: n });
+            }
+        }
+        if !(0.0..1.0).contains(&options.gamma) {
+            return Err(ValueError::Gamma(options.gamma));
+        }
+        if !(options.ridge >= 0.0 && options.ridge.is_finite()) {
+            return Err(ValueError::Ridge(options.ridge));
+        }
+        if !(options.mixing > 0.0 && options.mixing <= 1.0) {
+            return Err(ValueError::Mixing(options.mixing));
+        }
+        let right = self.right_hand_side(rewards);
+        let mut policy = Mat::from_fn(self.actions, n, |_, _| 1.0 / self.actions as f64);
+        let mut weights = Mat::zeros(self.data.phi.nrows(), self.actions);
+        let mut chosen: Vec<usize> = Vec::new();
+        let mut seen: HashMap<Vec<usize>, usize> = HashMap::new();
+        let mut fit = Fit { weights: weights.clone(), iterations: 0, converged: false, cycle: None };
+        for iteration in 1..=options.max_iterations {
+            let new = self.evaluate(next, &policy, &right, options)?;
+            let change = (&new - &weights).norm_max();
+            let settled = change <= options.tolerance * new.norm_max();
+            weights = new;
+            let next_chosen = self.greedy_at(next, &weights);
+            let same = next_chosen == chosen;
+            chosen = next_chosen;
+            fit.iterations = iteration;
+            if same && (settled || options.mixing == 1.0) {
+                fit.converged = true;
+                break;
+            }
+            if options.mixing == 1.0
+                && let Some(before) = seen.insert(chosen.clone(), iteration)
+            {
+                fit.cycle = Some(iteration - before);
+                break;
+            }
+            for (i, &action) in chosen.iter().enumerate() {
+                for a in 0..self.actions {
+                    let greedy = if a == action { 1.0 } else { 0.0 };
+                    policy[(a, i)] += options.mixing * (greedy - policy[(a, i)]);
+                }
+            }
+        }
+        fit.weights = weights;
+        Ok(fit)
+    }
+
+    /// `b_a = Σ_{i: a_i = a} ω_i φ_i r_i`, stacked, `fA × 1`.
+    fn right_hand_side(&self, rewards: &[f64]) -> Mat<f64> {
+        let f = self.data.phi.nrows();
+        let mut right = Mat::zeros(f * self.actions, 1);
+        for (a, members) in self.members.iter().enumerate() {
+            let of_action = Mat::from_fn(members.len(), 1, |i, _| rewards[members[i]]);
+            let part = &self.weighted[a] * of_action;
+            right.as_mut().subrows_mut(a * f, f).copy_from(&part);
+        }
+        right
+    }
+
+    /// Q-weights of a policy given by its probabilities `π(a | x′_i)`, `A × N`.
+    fn evaluate(
+        &self,
+        next: MatRef<'_, f64>,
+        policy: &Mat<f64>,
+        right: &Mat<f64>,
+        options: &Options,
+    ) -> Result<Mat<f64>, ValueError> {
+        let f = self.data.phi.nrows();
+        let mut system = Mat::<f64>::zeros(f * self.actions, f * self.actions);
+        for (a, members) in self.members.iter().enumerate() {
+            for b in 0..self.actions {
+                let mut block = system.as_mut().submatrix_mut(a * f, b * f, f, f);
+                if a == b {
+                    block.copy_from(&self.gram[a]);
+                }
+                let acting: Vec<(usize, usize)> = members
+                    .iter()
+                    .enumerate()
+                    .filter(|&(_, &index)| policy[(b, index)] != 0.0)
+                    .map(|(column, &index)| (column, index))
+                    .collect();
+                let left = Mat::from_fn(f, acting.len(), |i, j| {
+                    let (column, index) = acting[j];
+                    self.weighted[a][(i, column)] * policy[(b, index)]
+                });
+                let right = Mat::from_fn(f, acting.len(), |i, j| next[(i, acting[j].1)]);
+                matmul(block, Accum::Add, left.as_ref(), right.transpose(), -options.gamma, self.par);
+            }
+        }
+        for i in 0..system.nrows() {
+            system[(i, i)] += options.ridge;
+        }
+        let stacked = solve_or_pseudo_inverse(system.as_ref(), right.as_ref())?;
+        Ok(Mat::from_fn(f, self.actions, |i, a| stacked[(a * f + i, 0)]))
+    }
+
+    fn greedy_at(&self, next: MatRef<'_, f64>, weights: &Mat<f64>) -> Vec<usize> {
+        let mut q = Mat::zeros(self.actions, next.ncols());
+        matmul(q.as_mut(), Accum::Replace, weights.transpose(), next, 1.0, self.par);
+        (0..q.ncols()).map(|i| greedy((0..self.actions).map(|a| q[(a, i)]))).collect()
+    }
+}
+
+/// The number of the largest value; of equal ones the first, and 0 where nothing compares.
+pub fn greedy(values: impl IntoIterator<Item = f64>) -> usize {
+    values
+        .into_iter()
+        .enumerate()
+        .fold((0, f64::NEG_INFINITY), |best, (index, value)| if value > best.1 { (index, value) } else { best })
+        .0
+}

@@ -1,0 +1,90 @@
+//! Least-squares temporal differences: the value of states under the policy that made the transitions.
+
+use faer::linalg::solvers::Solve;
+use faer::{Mat, MatRef};
+
+use super::ValueError;
+
+/// Value weights `w` with `V(x) = wᵀφ(x)`: the solution of `ΦΩ(Φ − γΦ′)ᵀ w = ΦΩr`, with `ridge` on the diagonal.
+///
+/// A transition into a terminal state has a zero column in `next`. Where the matrix is singular (no ridge, and features
+/// that were never seen apart), the solution of smallest norm is returned.
+///
+/// # Shapes
+/// `phi`, `next`: `f × N`; `rewards`, `weights`: `N`. The result has `f` entries.
+///
+/// # Errors
+/// Lists of different lengths, no transitions, γ outside [0, 1], a negative ridge, values that are not finite.
+/// γ = 1 is allowed here, for chains that end.
+///
+/// # Reference
+/// Bradtke & Barto 1996; thesis §3.2.1, algorithm 3.
+pub fn lstd(
+    phi: MatRef<'_, f64>,
+    next: MatRef<'_, f64>,
+    rewards: &[f64],
+    weights: &[f64],
+    gamma: f64,
+    ridge: f64,
+) -> Result<Vec<f64>, ValueError> {
+    let n = phi.ncols();
+    if n == 0 {
+        return Err(ValueError::Empty);
+    }
+    for (what, found) in [("next", next.ncols()), ("rewards", rewards.len()), ("weights", weights.len())] {
+        if found != n {
+            return Err(ValueError::Length { what, found, expected: n });
+        }
+    }
+    if !(0.0..=1.0).contains(&gamma) {
+        return Err(ValueError::Gamma(gamma));
+    }
+    if !(ridge >= 0.0 && ridge.is_finite()) {
+        return Err(ValueError::Ridge(ridge));
+    }
+    let f = phi.nrows();
+    let weighted = Mat::from_fn(f, n, |i, j| phi[(i, j)] * weights[j]);
+    let difference = Mat::from_fn(f, n, |i, j| phi[(i, j)] - gamma * next[(i, j)]);
+    let mut a = &weighted * difference.transpose();
+    for i in 0..f {
+        a[(i, i)] += ridge;
+    }
+    let b = &weighted * Mat::from_fn(n, 1, |i, _| rewards[i]);
+    let w = solve_or_pseudo_inverse(a.as_ref(), b.as_ref())?;
+    Ok((0..f).map(|i| w[(i, 0)]).collect())
+}
+
+/// Pivots below this share of the largest one count as zero.
+const SINGULAR: f64 = 1e-12;
+
+/// Solve `a·w = b`; where `a` is singular to working precision, the least-squares solution of smallest norm.
+///
+/// # Shapes
+/// `a: f × f`, `b: f × r`.
+///
+/// # Errors
+/// Values that are not finite.
+pub fn solve_or_pseudo_inverse(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Result<Mat<f64>, ValueError> {
+    let f = a.nrows();
+    if !a.is_all_finite() || !b.is_all_finite() {
+        return Err(ValueError::NotFinite(f));
+    }
+    let lu = a.partial_piv_lu();
+    let pivots = (0..f).map(|i| lu.U()[(i, i)].abs());
+    let (low, high) = pivots.fold((f64::INFINITY, 0.0f64), |(low, high), p| (low.min(p), high.max(p)));
+    let solution = if low > SINGULAR * high {
+        lu.solve(b)
+    } else {
+        let svd = a.svd().map_err(|_| ValueError::NotFinite(f))?;
+        let largest = svd.S()[0];
+        let mut coefficients = svd.U().transpose() * b;
+        for j in 0..coefficients.ncols() {
+            for i in 0..f {
+                let s = svd.S()[i];
+                coefficients[(i, j)] = if s > SINGULAR * largest { coefficients[(i, j)] / s } else { 0.0 };
+            }
+        }
+        svd.V() * coefficients
+    };
+    if solution.is_all_finite() { Ok(solution) } else { Err(ValueError::NotFinite(f)) }
+}

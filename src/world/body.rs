@@ -1,0 +1,117 @@
+//! A wheeled robot that executes its actions with noise, over several frames.
+
+use nalgebra::{Point2, Vector2};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+use super::{Arena, Pose};
+use crate::scenario;
+
+/// What the robot can do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Action {
+    /// Drive straight ahead (0.30 m in the lab).
+    Forward,
+    /// Turn counter-clockwise on the spot (45° in the lab).
+    TurnLeft,
+    /// Turn clockwise on the spot.
+    TurnRight,
+}
+
+impl Action {
+    /// All actions in the order of their numbers.
+    pub const ALL: [Action; 3] = [Action::Forward, Action::TurnLeft, Action::TurnRight];
+
+    /// The action's number, 0 to 2.
+    pub fn index(self) -> usize {
+        self as usize
+    }
+
+    /// The turn that undoes this one.
+    pub fn opposite(self) -> Option<Action> {
+        match self {
+            Action::Forward => None,
+            Action::TurnLeft => Some(Action::TurnRight),
+            Action::TurnRight => Some(Action::TurnLeft),
+        }
+    }
+}
+
+/// The motion that was drawn for one frame of an action, before walls.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FrameMotion {
+    /// Metres straight ahead.
+    pub length: f64,
+    /// Radians counter-clockwise.
+    pub angle: f64,
+}
+
+/// One robot: where it is, and where its odometry believes it to be.
+#[derive(Debug, Clone)]
+pub struct Robot {
+    /// The true pose.
+    pub pose: Pose,
+    /// Pose by odometry, which starts at the true one and drifts.
+    pub odometry: Pose,
+    settings: scenario::Robot,
+    noise: ChaCha8Rng,
+}
+
+impl Robot {
+    /// A robot at a pose; `noise` draws its execution, odometry and sonar errors.
+    pub fn new(settings: &scenario::Robot, pose: Pose, noise: ChaCha8Rng) -> Self {
+        Robot { pose, odometry: pose, settings: settings.clone(), noise }
+    }
+
+    /// Draw how an action will be executed: the motion of each of its frames.
+    pub fn draw(&mut self, action: Action) -> FrameMotion {
+        let frames = self.settings.frames_per_action as f64;
+        let sign = match action {
+            Action::Forward => {
+                let length = self.settings.forward * (1.0 + self.settings.forward_noise * self.normal());
+                let drift = self.settings.drift_deg.to_radians() * self.normal();
+                return FrameMotion { length: length.max(0.0) / frames, angle: drift / frames };
+            }
+            Action::TurnLeft => 1.0,
+            Action::TurnRight => -1.0,
+        };
+        let angle = self.settings.turn_deg.to_radians() * (1.0 + self.settings.turn_noise * self.normal());
+        FrameMotion { length: 0.0, angle: sign * angle.max(0.0) / frames }
+    }
+
+    /// Drive for one frame; whether a wall stopped it.
+    pub fn drive(&mut self, motion: FrameMotion, arena: &Arena) -> bool {
+        let (moved, blocked) = drive(self.pose, motion, arena, self.settings.radius);
+        let length = (moved.position - self.pose.position).norm();
+        self.pose = moved;
+        let share = self.settings.odometry_noise;
+        let (length, angle) = (length * (1.0 + share * self.normal()), motion.angle * (1.0 + share * self.normal()));
+        let heading = self.odometry.heading + angle;
+        let position = self.odometry.position + Pose::new(Point2::origin(), heading).direction() * length;
+        self.odometry = Pose::new(position, heading);
+        blocked
+    }
+
+    /// Distances that the ring of sonars measures from the robot's centre, metres, the first one straight ahead, counter-clockwise.
+    pub fn sonar(&mut self, arena: &Arena) -> Vec<f64> {
+        let (count, range) = (self.settings.sonars, self.settings.sonar_range);
+        (0..count)
+            .map(|i| {
+                let angle = self.pose.heading + std::f64::consts::TAU * i as f64 / count as f64;
+                let distance = arena.range(self.pose.position, Vector2::new(angle.cos(), angle.sin()), range);
+                (distance + self.settings.sonar_noise * self.normal()).clamp(0.0, range)
+            })
+            .collect()
+    }
+
+    fn normal(&mut self) -> f64 {
+        StandardNormal.sample(&mut self.noise)
+    }
+}
+
+/// Turn, then drive ahead until a wall stops it: the new pose, and whether one did.
+pub(crate) fn drive(pose: Pose, motion: FrameMotion, arena: &Arena, radius: f64) -> (Pose, bool) {
+    let turned = Pose::new(pose.position, pose.heading + motion.angle);
+    let (free, blocked) = arena.sweep(pose.position, turned.direction() * motion.length, radius);
+    (Pose { position: pose.position + free, ..turned }, blocked)
+}

@@ -1,0 +1,128 @@
+//! Promise: other tools open a log as it is. Read here with PyPI rosbags, and with mcap and
+//! mcap-ros2-support, and compared field by field with what was written.
+//!
+//! `ADAGIO_PYTHON` names the Python (default `python3`). Without the packages the test says that
+//! it checked nothing; `ADAGIO_REQUIRE_PYTHON=1` makes that a failure.
+
+mod log_samples;
+
+use std::{collections::BTreeMap, env, path::Path, process::Command};
+
+use adagio::log::{Compression, LogOptions, LogReader, LogWriter, Record, topics};
+use log_samples::{Written, write_samples};
+use serde_json::{Map, Value};
+
+const ROUNDS: u32 = 8;
+
+#[test]
+fn rosbags_and_mcap_ros2_read_what_was_written() {
+    for compression in [Compression::Zstd, Compression::Lz4, Compression::None] {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("run_000.mcap");
+        let written = write_log(&path, compression);
+        let Some(seen) = read_with_python(&path) else {
+            return;
+        };
+        for reader in ["rosbags", "mcap_ros2"] {
+            compare(&seen[reader]["topics"], &written, reader);
+        }
+        for (topic, entry) in seen["rosbags"]["topics"].as_object().unwrap() {
+            let own = entry["type"].as_str().unwrap().starts_with("adagio_msgs/");
+            assert!(own || entry["as_in_ros2"] == true, "{topic} is not as ROS 2 defines it");
+        }
+        let file = &seen["mcap_ros2"];
+        assert_eq!(file["profile"], "ros2");
+        assert_eq!(file["library"], concat!("adagio ", env!("CARGO_PKG_VERSION")));
+        assert_eq!(file["metadata"]["adagio"]["seed"], "7");
+        assert_eq!(file["attachments"][0]["name"], "checkpoint");
+        assert_eq!(file["attachments"][0]["bytes"], 5000);
+    }
+}
+
+#[test]
+fn our_own_reader_reads_what_was_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run_000.mcap");
+    let written = write_log(&path, Compression::Zstd);
+    let mut seen = Vec::new();
+    for record in LogReader::open(&path).unwrap() {
+        if let Record::Message { topic, schema, sequence, log_time_ns, .. } = record.unwrap() {
+            seen.push((topic.to_string(), schema.to_string(), sequence, log_time_ns));
+        }
+    }
+    let expected: Vec<_> =
+        written.iter().map(|w| (w.topic.to_owned(), w.message_type.to_owned(), w.sequence, w.stamp_ns)).collect();
+    assert_eq!(seen, expected);
+}
+
+fn write_log(path: &Path, compression: Compression) -> Vec<Written> {
+    let options = LogOptions { compression, chunk_bytes: 8192, ..LogOptions::default() };
+    let metadata = BTreeMap::from([("seed".to_owned(), "7".to_owned())]);
+    let mut log = LogWriter::create(path, &options, &metadata).unwrap();
+    let mut written = Vec::new();
+    write_samples(&mut log, ROUNDS, &mut written, |_, _| Ok(())).unwrap();
+    log.attach("checkpoint", "application/octet-stream", &[9; 5000], log_samples::START_NS).unwrap();
+    let totals = log.finish().unwrap();
+    assert_eq!(totals.messages, written.len() as u64);
+    assert_eq!(totals.bytes, path.metadata().unwrap().len());
+    written
+}
+
+/// What the Python readers see, or `None` if their packages are missing.
+fn read_with_python(path: &Path) -> Option<Value> {
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python/read_log.py");
+    let python = env::var("ADAGIO_PYTHON").unwrap_or_else(|_| "python3".into());
+    let output = Command::new(&python).arg(script).arg(path).arg("--messages=-1").output();
+    let missing = match &output {
+        Err(cause) => format!("{python} does not start: {cause}"),
+        Ok(output) if output.status.code() == Some(3) => {
+            format!("{python}: {}", String::from_utf8_lossy(&output.stderr).trim())
+        }
+        Ok(output) => {
+            let errors = String::from_utf8_lossy(&output.stderr);
+            assert!(output.status.success(), "a reader failed on {}: {errors}", path.display());
+            return Some(serde_json::from_slice(&output.stdout).unwrap());
+        }
+    };
+    let required = env::var("ADAGIO_REQUIRE_PYTHON").is_ok_and(|value| value == "1");
+    assert!(!required, "NOT CHECKED with other readers: {missing}");
+    eprintln!("NOT CHECKED with other readers: {missing}");
+    None
+}
+
+fn compare(seen: &Value, written: &[Written], reader: &str) {
+    let seen = seen.as_object().unwrap();
+    assert_eq!(seen.len(), topics::ALL.len(), "{reader}");
+    for (topic, entry) in seen {
+        let expected: Vec<&Written> = written.iter().filter(|w| w.topic == topic).collect();
+        assert_eq!(entry["type"], expected[0].message_type, "{reader} {topic}");
+        assert_eq!(entry["count"], expected.len(), "{reader} {topic}");
+        for (message, expected) in entry["messages"].as_array().unwrap().iter().zip(&expected) {
+            assert_eq!(message["stamp_ns"], expected.stamp_ns, "{reader} {topic}");
+            // As text and back: serde_json may read a number one bit off what it was.
+            let text = expected_fields(&expected.message).to_string();
+            let fields: Value = serde_json::from_str(&text).unwrap();
+            assert_eq!(message["fields"], fields, "{reader} {topic} {}", expected.sequence);
+        }
+    }
+}
+
+/// A message as the script prints it: matrices in one row, and the mean of an image's pixels.
+fn expected_fields(message: &Value) -> Value {
+    match message {
+        Value::Object(fields) => {
+            let mut fields: Map<_, _> =
+                fields.iter().map(|(name, value)| (name.clone(), expected_fields(value))).collect();
+            if fields.contains_key("encoding") {
+                let pixels = fields["data"].as_array().unwrap();
+                let sum: u64 = pixels.iter().map(|pixel| pixel.as_u64().unwrap()).sum();
+                fields.insert("data_mean".into(), (sum as f64 / pixels.len() as f64).into());
+            }
+            Value::Object(fields)
+        }
+        Value::Array(rows) if rows.iter().any(Value::is_array) => {
+            rows.iter().flat_map(|row| row.as_array().unwrap()).cloned().collect()
+        }
+        other => other.clone(),
+    }
+}

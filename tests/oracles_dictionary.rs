@@ -1,0 +1,122 @@
+//! The dictionary against known answers: ALD on the Lorenz series, blocks against frame by frame, Newton coordinates.
+
+mod common;
+
+use adagio::dictionary::{Dictionary, DictionaryError};
+use common::{parameters, random_path, relative_difference};
+use faer::{Mat, Side};
+use proptest::prelude::*;
+
+/// The dictionary of kafbox's Lorenz series at ν = 1e-4, σ = 32, embedding 6, computed with an exact Cholesky residual.
+const LORENZ: [usize; 32] = [
+    0, 1, 2, 3, 4, 5, 6, 9, 12, 17, 23, 31, 41, 47, 52, 57, 61, 66, 70, 135, 141, 146, 149, 152, 333, 626, 648, 660,
+    663, 665, 667, 4262,
+];
+
+fn lorenz() -> Mat<f64> {
+    let text = include_str!("data/lorenz.dat");
+    let series: Vec<f64> = text.split_whitespace().map(|value| value.parse().unwrap()).collect();
+    // One step ahead: the last value is only ever a target.
+    Mat::from_fn(6, series.len() - 1, |lag, t| if t >= lag { series[t - lag] } else { 0.0 })
+}
+
+fn accepted_in_blocks(x: &Mat<f64>, sigma: f64, nu: f64, budget: usize, blocks: &[usize]) -> Vec<usize> {
+    let mut dictionary = Dictionary::new(parameters(sigma, nu, budget)).unwrap();
+    let mut accepted = Vec::new();
+    let (mut start, mut turn) = (0, 0);
+    while start < x.ncols() {
+        let size = blocks[turn % blocks.len()].min(x.ncols() - start);
+        let block = dictionary.observe(x.as_ref().subcols(start, size)).unwrap();
+        accepted.extend(block.accepted.iter().map(|index| start + index));
+        start += size;
+        turn += 1;
+    }
+    accepted
+}
+
+#[test]
+fn lorenz_series_gives_the_known_dictionary() {
+    assert_eq!(accepted_in_blocks(&lorenz(), 32.0, 1e-4, 1000, &[256]), LORENZ);
+    assert_eq!(accepted_in_blocks(&lorenz(), 32.0, 1e-4, 1000, &[1]), LORENZ);
+}
+
+#[test]
+fn the_factor_is_the_cholesky_factor_of_the_kernel_matrix() {
+    let x = random_path(5, 400, 3);
+    let mut dictionary = Dictionary::new(parameters(0.4, 1e-3, 1000)).unwrap();
+    for start in (0..400).step_by(50) {
+        dictionary.observe(x.as_ref().subcols(start, 50)).unwrap();
+    }
+    let kernel_matrix = dictionary.kernel_rows(dictionary.members()).unwrap();
+    let exact = kernel_matrix.llt(Side::Lower).unwrap();
+    assert!(dictionary.len() > 20);
+    assert!(relative_difference(dictionary.factor(), exact.L()) < 1e-9);
+}
+
+#[test]
+fn every_observation_is_within_nu_and_nothing_is_accepted_beyond_the_budget() {
+    let x = random_path(4, 600, 9);
+    let mut dictionary = Dictionary::new(parameters(0.3, 0.01, 10_000)).unwrap();
+    dictionary.observe(x.as_ref()).unwrap();
+    let v = dictionary.coordinates(x.as_ref()).unwrap();
+    for j in 0..600 {
+        let residual = 1.0 - (0..v.nrows()).map(|i| v[(i, j)] * v[(i, j)]).sum::<f64>();
+        assert!(residual <= 0.01 + 1e-9, "frame {j}: residual {residual}");
+    }
+    let free = dictionary.len();
+    assert!(free > 20);
+    let short = accepted_in_blocks(&x, 0.3, 0.01, 20, &[7]);
+    assert_eq!(short.len(), 20);
+    assert_eq!(short, accepted_in_blocks(&x, 0.3, 0.01, 10_000, &[7])[..20]);
+}
+
+#[test]
+fn the_nearest_support_vector_is_the_one_with_the_largest_kernel_value() {
+    let x = random_path(3, 200, 21);
+    let mut dictionary = Dictionary::new(parameters(0.3, 0.05, 1000)).unwrap();
+    for start in (0..200).step_by(25) {
+        let part = x.as_ref().subcols(start, 25);
+        let block = dictionary.observe(part).unwrap();
+        let rows = dictionary.kernel_rows(part).unwrap();
+        let before = dictionary.len() - block.accepted.len();
+        for j in 0..25 {
+            let known = before + block.accepted.iter().filter(|&&index| index <= j).count();
+            let best = (0..known).map(|i| rows[(i, j)]).fold(f64::NEG_INFINITY, f64::max);
+            assert!((rows[(block.nearest[j], j)] - best).abs() < 1e-12);
+            assert!(block.nearest[j] < known);
+        }
+    }
+}
+
+#[test]
+fn bad_observations_are_refused_and_change_nothing() {
+    let mut dictionary = Dictionary::new(parameters(0.3, 0.01, 100)).unwrap();
+    dictionary.observe(random_path(3, 10, 1).as_ref()).unwrap();
+    let before = dictionary.len();
+    let wrong = Mat::<f64>::zeros(4, 2);
+    assert_eq!(dictionary.observe(wrong.as_ref()).unwrap_err(), DictionaryError::Dimension { expected: 3, found: 4 });
+    let mut holes = random_path(3, 5, 2);
+    holes[(1, 3)] = f64::NAN;
+    assert_eq!(dictionary.observe(holes.as_ref()).unwrap_err(), DictionaryError::NotFinite(3));
+    assert_eq!(dictionary.len(), before);
+    assert_eq!(Dictionary::<f64>::new(parameters(0.3, 0.0, 9)).unwrap_err(), DictionaryError::Nu(0.0));
+    assert_eq!(Dictionary::<f64>::new(parameters(0.3, 0.1, 0)).unwrap_err(), DictionaryError::Budget);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    /// Whatever the block sizes, the same observations are accepted as one by one, with the same coordinates.
+    #[test]
+    fn blocks_accept_what_frame_by_frame_accepts(
+        seed in any::<u64>(),
+        d in 1usize..6,
+        nu in prop::sample::select(vec![0.1, 0.01, 1e-3]),
+        sizes in prop::collection::vec(1usize..60, 1..5),
+        budget in prop::sample::select(vec![12, 10_000]),
+    ) {
+        let x = random_path(d, 250, seed);
+        let single = accepted_in_blocks(&x, 0.25, nu, budget, &[1]);
+        prop_assert_eq!(&accepted_in_blocks(&x, 0.25, nu, budget, &sizes), &single);
+    }
+}

@@ -1,0 +1,277 @@
+//! Moments and slow features against known answers.
+
+mod common;
+
+use adagio::slow::{Link, Moments, SlowError, SlowFeatures, SlowModel, SlowStream, StreamOptions, solve};
+use common::{generator, parameters, random_path, relative_difference};
+use faer::{Mat, MatRef, Par};
+use proptest::prelude::*;
+use rand::RngExt;
+
+/// Moments of a whole series at once, by their definition.
+fn batch(v: MatRef<'_, f64>, links: &[Option<Link>]) -> Moments {
+    let mut moments = Moments::new(Par::Seq);
+    moments.widen(v.nrows());
+    let linked: Vec<(usize, Link)> = links.iter().enumerate().filter_map(|(t, l)| l.map(|l| (t, l))).collect();
+    let rates = Mat::from_fn(v.nrows(), linked.len(), |i, j| {
+        let (t, link) = linked[j];
+        link.weight.sqrt() * (v[(i, t)] - v[(i, t - 1)]) / link.dt
+    });
+    moments.add(v, rates.as_ref(), linked.iter().map(|(_, l)| l.weight).sum());
+    moments
+}
+
+fn series_links(n: usize, dt: f64) -> Vec<Option<Link>> {
+    (0..n).map(|t| (t > 0).then_some(Link { dt, weight: 1.0 })).collect()
+}
+
+fn outputs(features: &SlowFeatures, v: MatRef<'_, f64>) -> Mat<f64> {
+    let centred = Mat::from_fn(v.nrows(), v.ncols(), |i, j| v[(i, j)] - features.mean[(i, 0)]);
+    features.weights.transpose() * centred
+}
+
+fn correlation(a: &[f64], b: &[f64]) -> f64 {
+    let mean = |x: &[f64]| x.iter().sum::<f64>() / x.len() as f64;
+    let (ma, mb) = (mean(a), mean(b));
+    let dot =
+        |x: &[f64], mx: f64, y: &[f64], my: f64| -> f64 { x.iter().zip(y).map(|(x, y)| (x - mx) * (y - my)).sum() };
+    dot(a, ma, b, mb) / (dot(a, ma, a, ma) * dot(b, mb, b, mb)).sqrt()
+}
+
+/// Mean 0, variance 1, no correlation, slowness ascending and true, over the given frames.
+fn assert_constraints(y: MatRef<'_, f64>, features: &SlowFeatures, links: &[Option<Link>], tolerance: f64) {
+    let n = y.ncols() as f64;
+    for i in 0..y.nrows() {
+        let mean = (0..y.ncols()).map(|t| y[(i, t)]).sum::<f64>() / n;
+        assert!(mean.abs() < tolerance, "feature {i} has mean {mean}");
+        for j in 0..=i {
+            let product = (0..y.ncols()).map(|t| y[(i, t)] * y[(j, t)]).sum::<f64>() / n;
+            let expected = if i == j { 1.0 } else { 0.0 };
+            assert!((product - expected).abs() < tolerance, "features {i}, {j} have covariance {product}");
+        }
+        let (mut delta, mut weight) = (0.0, 0.0);
+        for (t, link) in links.iter().enumerate() {
+            if let Some(link) = link {
+                delta += link.weight * ((y[(i, t)] - y[(i, t - 1)]) / link.dt).powi(2);
+                weight += link.weight;
+            }
+        }
+        let delta = delta / weight;
+        assert!(
+            (delta - features.slowness[i]).abs() < 1e-6 * delta.max(1e-9),
+            "feature {i}: {delta} against {}",
+            features.slowness[i]
+        );
+        assert!(i == 0 || features.slowness[i] >= features.slowness[i - 1], "not ascending at {i}");
+    }
+}
+
+#[test]
+fn wiskott_sejnowski_signal_has_the_known_slow_features() {
+    let n = 2000;
+    // Both ends of [0, 2π] are included.
+    let step = 2.0 * std::f64::consts::PI / (n - 1) as f64;
+    let signal: Vec<(f64, f64)> = (0..n)
+        .map(|i| {
+            let t = i as f64 * step;
+            (t.sin() + (11.0 * t).cos().powi(2), (11.0 * t).cos())
+        })
+        .collect();
+    let v = Mat::from_fn(5, n, |i, t| {
+        let (a, b) = signal[t];
+        [a, b, a * a, a * b, b * b][i]
+    });
+    let links = series_links(n, step);
+    let features = solve(&batch(v.as_ref(), &links), 5, 0.0, None).unwrap();
+    let y = outputs(&features, v.as_ref());
+    let slowest: Vec<f64> = (0..n).map(|t| y[(0, t)]).collect();
+    let sine: Vec<f64> = (0..n).map(|t| (t as f64 * step).sin()).collect();
+    assert!((correlation(&slowest, &sine).abs() - 1.0).abs() < 1e-12);
+    for (found, known) in features.slowness.iter().zip([1.0005, 120.93, 229.41, 357.47, 483.57]) {
+        assert!((found - known).abs() < 6e-5 * known.max(1.0), "{found} against {known}");
+    }
+    assert_constraints(y.as_ref(), &features, &links, 1e-8);
+}
+
+#[test]
+fn reflecting_walk_has_the_cosines_of_theory() {
+    let states = 20;
+    let mut v = Mat::<f64>::zeros(states, 0);
+    let mut links: Vec<Option<Link>> = Vec::new();
+    let mut push = |v: &mut Mat<f64>, state: usize, linked: bool| {
+        let column = v.ncols();
+        v.resize_with(states, column + 1, |i, _| f64::from(u8::from(i == state)));
+        links.push(linked.then_some(Link { dt: 1.0, weight: 1.0 }));
+    };
+    // Every transition of the walk once: to the left, to the right, and standing at the ends.
+    for state in 0..states {
+        for next in [state.saturating_sub(1), (state + 1).min(states - 1)] {
+            push(&mut v, state, false);
+            push(&mut v, next, true);
+        }
+    }
+    let features = solve(&batch(v.as_ref(), &links), 6, 1e-13, None).unwrap();
+    let known = [0.024623, 0.097887, 0.217987, 0.381966, 0.585786, 0.824429];
+    for (j, (found, known)) in features.slowness.iter().zip(known).enumerate() {
+        assert!((found - known).abs() < 1e-6, "feature {}: {found} against {known}", j + 1);
+        let one_hot = Mat::<f64>::identity(states, states);
+        let y = outputs(&features, one_hot.as_ref());
+        let found: Vec<f64> = (0..states).map(|s| y[(j, s)]).collect();
+        let cosine: Vec<f64> = (0..states)
+            .map(|s| ((j + 1) as f64 * std::f64::consts::PI * (s as f64 + 0.5) / states as f64).cos())
+            .collect();
+        assert!((correlation(&found, &cosine).abs() - 1.0).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn a_gap_gives_no_derivative() {
+    let mut v = random_path(3, 200, 5);
+    for t in 100..200 {
+        for i in 0..3 {
+            v[(i, t)] += 50.0;
+        }
+    }
+    let mut links = series_links(200, 1.0);
+    links[100] = None;
+    let features = solve(&batch(v.as_ref(), &links), 1, 0.0, None).unwrap();
+    // The jump itself is free, so a feature that only tells the two halves apart is almost still.
+    assert!(features.slowness[0] < 1e-4);
+    let y = outputs(&features, v.as_ref());
+    assert_constraints(y.as_ref(), &features, &links, 1e-8);
+    let jump = solve(&batch(v.as_ref(), &series_links(200, 1.0)), 1, 0.0, None).unwrap();
+    assert!(jump.slowness[0] > 10.0 * features.slowness[0]);
+}
+
+fn options(sigma: f64, nu: f64, settle_at: usize) -> StreamOptions {
+    StreamOptions { dictionary: parameters(sigma, nu, 10_000), retained: 100_000, memory_frames: None, settle_at }
+}
+
+fn random_links(n: usize, seed: u64) -> Vec<Option<Link>> {
+    let mut rng = generator(seed);
+    (0..n)
+        .map(|t| {
+            let linked = t > 0 && rng.random_range(0.0..1.0) < 0.9;
+            let link = Link { dt: rng.random_range(0.1..1.0), weight: rng.random_range(0.2..5.0) };
+            linked.then_some(link)
+        })
+        .collect()
+}
+
+fn streamed(x: &Mat<f64>, links: &[Option<Link>], sizes: &[usize], options: StreamOptions) -> SlowStream<f64> {
+    let mut stream = SlowStream::new(options).unwrap();
+    let (mut start, mut turn) = (0, 0);
+    while start < x.ncols() {
+        let size = sizes[turn % sizes.len()].min(x.ncols() - start);
+        stream.push(x.as_ref().subcols(start, size), &links[start..start + size]).unwrap();
+        start += size;
+        turn += 1;
+    }
+    stream
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(32))]
+
+    /// Moments that grew with the dictionary are those of a batch with the final dictionary over the same frames.
+    #[test]
+    fn grown_moments_equal_those_of_a_batch(
+        seed in any::<u64>(),
+        sizes in prop::collection::vec(1usize..50, 1..5),
+        settle_at in 1usize..40,
+    ) {
+        let x = random_path(4, 300, seed);
+        let links = random_links(300, seed ^ 1);
+        let mut stream = streamed(&x, &links, &sizes, options(0.3, 0.01, settle_at));
+        let v = stream.dictionary().coordinates(x.as_ref()).unwrap();
+        let exact = batch(v.as_ref(), &links);
+        let grown = stream.settled_moments();
+        prop_assert_eq!(grown.size(), exact.size());
+        prop_assert!(relative_difference(grown.mean().as_ref(), exact.mean().as_ref()) < 1e-9);
+        prop_assert!(relative_difference(grown.covariance().as_ref(), exact.covariance().as_ref()) < 1e-9);
+        prop_assert!(relative_difference(grown.rate().as_ref(), exact.rate().as_ref()) < 1e-9);
+    }
+
+    /// Features that are solved from a stream obey their constraints on the frames it was made of.
+    #[test]
+    fn features_of_a_stream_obey_their_constraints(seed in any::<u64>(), block in 1usize..80) {
+        let x = random_path(4, 400, seed);
+        let links = random_links(400, seed ^ 2);
+        let mut stream = streamed(&x, &links, &[block], options(0.4, 0.01, 16));
+        let features = solve(stream.settled_moments(), 8, 1e-7, None).unwrap();
+        let model = SlowModel::new(stream.dictionary(), &features);
+        let phi = model.apply(x.as_ref(), Par::Seq);
+        prop_assert!((0..400).all(|t| phi[(0, t)] == 1.0));
+        assert_constraints(phi.as_ref().subrows(1, 8), &features, &links, 1e-7);
+    }
+}
+
+#[test]
+fn forgotten_frames_count_as_zero_in_later_coordinates_only() {
+    let x = random_path(4, 400, 77);
+    let links = series_links(400, 1.0);
+    let short = StreamOptions { retained: 100, ..options(0.3, 0.01, 1) };
+    let mut stream = streamed(&x, &links, &[20], short);
+    let whole = streamed(&x, &links, &[20], options(0.3, 0.01, 1)).settled_moments().clone();
+    assert_eq!(stream.settled_moments().frames(), 400.0);
+    let (part, whole) = (stream.settled_moments().covariance(), whole.covariance());
+    let last = part.nrows() - 1;
+    // The first coordinate is the kernel value at the first frame, which every frame has from the start.
+    assert!((part[(0, 0)] - whole[(0, 0)]).abs() < 1e-12);
+    assert!(part[(last, last)] < whole[(last, last)] + 1e-15);
+    assert!(stream.bytes() > 100 * 8 * part.nrows());
+}
+
+#[test]
+fn fading_moments_weigh_frames_by_their_age() {
+    let x = random_path(3, 60, 4);
+    let links = series_links(60, 1.0);
+    let fading = StreamOptions { memory_frames: Some(20.0), ..options(0.5, 0.05, 1) };
+    let mut stream = streamed(&x, &links, &[10], fading);
+    let v = stream.dictionary().coordinates(x.as_ref()).unwrap();
+    let weight = |t: usize| (-0.5 * (5 - t / 10) as f64).exp();
+    let total: f64 = (0..60).map(weight).sum();
+    let mean = stream.settled_moments().mean();
+    for i in 0..v.nrows() {
+        let exact = (0..60).map(|t| weight(t) * v[(i, t)]).sum::<f64>() / total;
+        assert!((mean[(i, 0)] - exact).abs() < 1e-12);
+    }
+}
+
+#[test]
+fn a_new_solution_keeps_the_signs_of_the_one_before() {
+    let x = random_path(4, 900, 12);
+    let links = series_links(900, 1.0);
+    let mut stream = streamed(&x.as_ref().subcols(0, 700).to_owned(), &links[..700], &[50], options(0.4, 0.01, 8));
+    let first = solve(stream.settled_moments(), 5, 1e-7, None).unwrap();
+    let mut turned = first.clone();
+    turned.weights *= faer::Scale(-1.0);
+    stream.push(x.as_ref().subcols(700, 200), &links[700..]).unwrap();
+    let moments = stream.settled_moments().clone();
+    for previous in [&first, &turned] {
+        let second = solve(&moments, 5, 1e-7, Some(previous)).unwrap();
+        let mut old = previous.weights.clone();
+        old.resize_with(moments.size(), 5, |_, _| 0.0);
+        let agreement = second.weights.transpose() * (moments.covariance() * old);
+        assert!(agreement[(0, 0)] > 0.5, "the slowest feature turned: {}", agreement[(0, 0)]);
+        for j in 0..5 {
+            assert!(agreement[(j, j)] > 0.0, "feature {j} turned");
+        }
+    }
+}
+
+#[test]
+fn impossible_requests_are_refused_with_their_numbers() {
+    let v = random_path(3, 50, 6);
+    let moments = batch(v.as_ref(), &series_links(50, 1.0));
+    assert_eq!(solve(&moments, 4, 0.0, None).unwrap_err(), SlowError::Features { asked: 4, rank: 3 });
+    assert_eq!(solve(&moments, 0, 0.0, None).unwrap_err(), SlowError::Features { asked: 0, rank: 3 });
+    assert_eq!(solve(&moments, 1, -1.0, None).unwrap_err(), SlowError::Lambda(-1.0));
+    let empty = Moments::new(Par::Seq);
+    assert!(matches!(solve(&empty, 1, 0.0, None), Err(SlowError::TooFewFrames { .. })));
+    // One direction never changes: without λ the problem has no unique solution.
+    let still = Mat::from_fn(2, 50, |i, t| if i == 0 { v[(0, t)] } else { 1.0 });
+    let singular = batch(still.as_ref(), &series_links(50, 1.0));
+    assert!(matches!(solve(&singular, 1, 0.0, None), Err(SlowError::Singular { size: 2, .. })));
+    assert!(solve(&singular, 1, 1e-9, None).is_ok());
+}
