@@ -6,12 +6,13 @@
 //!
 //! The first evaluation is of the policy that takes all actions alike (thesis §5.3.2: this doubled the range in which
 //! the iteration converges). Later ones move it towards the greedy policy, `π ← (1 − β)π + β·greedy`: with β = 1 this is
-//! plain LSPI, which can run in circles; such a circle is found and reported.
+//! plain LSPI, which can run in circles; such a circle is found and reported. `M` is linear in π, so a step costs one
+//! product per transition, `M ← (1 − β)M + β·M(greedy)`, whatever the mixture.
 
 use std::collections::HashMap;
 
 use faer::linalg::matmul::matmul;
-use faer::{Accum, Mat, MatRef, Par};
+use faer::{Accum, Mat, MatRef, Par, Scale};
 
 use super::ValueError;
 use super::lstd::solve_or_pseudo_inverse;
@@ -135,13 +136,13 @@ impl<'a> Lspi<'a> {
             return Err(ValueError::Mixing(options.mixing));
         }
         let right = self.right_hand_side(rewards);
-        let mut policy = Mat::from_fn(self.actions, n, |_, _| 1.0 / self.actions as f64);
+        let mut cross = self.cross_of_uniform(next);
         let mut weights = Mat::zeros(self.data.phi.nrows(), self.actions);
         let mut chosen: Vec<usize> = Vec::new();
         let mut seen: HashMap<Vec<usize>, usize> = HashMap::new();
         let mut fit = Fit { weights: weights.clone(), iterations: 0, converged: false, cycle: None };
         for iteration in 1..=options.max_iterations {
-            let new = self.evaluate(next, &policy, &right, options)?;
+            let new = self.evaluate(&cross, &right, options)?;
             let change = (&new - &weights).norm_max();
             let settled = change <= options.tolerance * new.norm_max();
             weights = new;
@@ -159,12 +160,7 @@ impl<'a> Lspi<'a> {
                 fit.cycle = Some(iteration - before);
                 break;
             }
-            for (i, &action) in chosen.iter().enumerate() {
-                for a in 0..self.actions {
-                    let greedy = if a == action { 1.0 } else { 0.0 };
-                    policy[(a, i)] += options.mixing * (greedy - policy[(a, i)]);
-                }
-            }
+            self.mix_in_greedy(&mut cross, next, &chosen, options.mixing);
         }
         fit.weights = weights;
         Ok(fit)
@@ -182,35 +178,46 @@ impl<'a> Lspi<'a> {
         right
     }
 
-    /// Q-weights of a policy given by its probabilities `π(a | x′_i)`, `A × N`.
-    fn evaluate(
-        &self,
-        next: MatRef<'_, f64>,
-        policy: &Mat<f64>,
-        right: &Mat<f64>,
-        options: &Options,
-    ) -> Result<Mat<f64>, ValueError> {
+    /// `M` of the policy that takes all actions alike: the blocks `M_ab` stacked as one `fA × fA` matrix.
+    fn cross_of_uniform(&self, next: MatRef<'_, f64>) -> Mat<f64> {
         let f = self.data.phi.nrows();
-        let mut system = Mat::<f64>::zeros(f * self.actions, f * self.actions);
+        let mut cross = Mat::zeros(f * self.actions, f * self.actions);
+        for (a, members) in self.members.iter().enumerate() {
+            let after = Mat::from_fn(f, members.len(), |i, j| next[(i, members[j])]);
+            let mut block = Mat::zeros(f, f);
+            let share = 1.0 / self.actions as f64;
+            matmul(block.as_mut(), Accum::Replace, self.weighted[a].as_ref(), after.transpose(), share, self.par);
+            for b in 0..self.actions {
+                cross.as_mut().submatrix_mut(a * f, b * f, f, f).copy_from(&block);
+            }
+        }
+        cross
+    }
+
+    /// `M ← (1 − β)M + β·M(greedy)`, where the greedy policy takes action `chosen[i]` at `x′_i`.
+    fn mix_in_greedy(&self, cross: &mut Mat<f64>, next: MatRef<'_, f64>, chosen: &[usize], beta: f64) {
+        let f = self.data.phi.nrows();
+        *cross *= Scale(1.0 - beta);
         for (a, members) in self.members.iter().enumerate() {
             for b in 0..self.actions {
-                let mut block = system.as_mut().submatrix_mut(a * f, b * f, f, f);
-                if a == b {
-                    block.copy_from(&self.gram[a]);
-                }
-                let acting: Vec<(usize, usize)> = members
-                    .iter()
-                    .enumerate()
-                    .filter(|&(_, &index)| policy[(b, index)] != 0.0)
-                    .map(|(column, &index)| (column, index))
-                    .collect();
-                let left = Mat::from_fn(f, acting.len(), |i, j| {
-                    let (column, index) = acting[j];
-                    self.weighted[a][(i, column)] * policy[(b, index)]
-                });
-                let right = Mat::from_fn(f, acting.len(), |i, j| next[(i, acting[j].1)]);
-                matmul(block, Accum::Add, left.as_ref(), right.transpose(), -options.gamma, self.par);
+                // (column among the members of a, transition) of those that go on with b.
+                let acting: Vec<(usize, usize)> =
+                    members.iter().copied().enumerate().filter(|&(_, index)| chosen[index] == b).collect();
+                let before = Mat::from_fn(f, acting.len(), |i, j| self.weighted[a][(i, acting[j].0)]);
+                let after = Mat::from_fn(f, acting.len(), |i, j| next[(i, acting[j].1)]);
+                let block = cross.as_mut().submatrix_mut(a * f, b * f, f, f);
+                matmul(block, Accum::Add, before.as_ref(), after.transpose(), beta, self.par);
             }
+        }
+    }
+
+    /// Q-weights of the policy with the given `M`, `f × A`.
+    fn evaluate(&self, cross: &Mat<f64>, right: &Mat<f64>, options: &Options) -> Result<Mat<f64>, ValueError> {
+        let f = self.data.phi.nrows();
+        let mut system = cross * Scale(-options.gamma);
+        for (a, gram) in self.gram.iter().enumerate() {
+            let mut block = system.as_mut().submatrix_mut(a * f, a * f, f, f);
+            block += gram;
         }
         for i in 0..system.nrows() {
             system[(i, i)] += options.ridge;
