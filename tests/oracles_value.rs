@@ -2,7 +2,7 @@
 
 mod common;
 
-use adagio::value::{Fit, Lspi, LspiOptions, Samples, ValueError, greedy, lstd};
+use adagio::value::{Fit, Lspi, LspiOptions, Outcomes, Samples, ValueError, greedy, lstd};
 use common::generator;
 use faer::{Mat, Par};
 use rand::RngExt;
@@ -60,7 +60,10 @@ fn expected(process: &Finite, basis: impl Fn(usize) -> Vec<f64>, weight: impl Fn
 impl Expected {
     fn fit(&self, options: &LspiOptions) -> Fit {
         let data = Samples { phi: self.phi.as_ref(), actions: &self.actions, weights: &self.weights };
-        Lspi::new(data, 2, Par::Seq).unwrap().fit(self.next.as_ref(), &self.rewards, options).unwrap()
+        Lspi::new(data, 2, Par::Seq)
+            .unwrap()
+            .fit(&Outcomes { next: self.next.as_ref(), rewards: &self.rewards, allowed: None }, options)
+            .unwrap()
     }
 }
 
@@ -291,7 +294,10 @@ fn inverted_pendulum_is_balanced_after_a_thousand_random_episodes() {
     let weights = vec![1.0; n];
     let data = Samples { phi: phi.as_ref(), actions: &actions, weights: &weights };
     let options = LspiOptions { gamma: 0.95, ridge: 1e-6, ..LspiOptions::default() };
-    let fit = Lspi::new(data, 3, Par::Seq).unwrap().fit(next.as_ref(), &rewards, &options).unwrap();
+    let fit = Lspi::new(data, 3, Par::Seq)
+        .unwrap()
+        .fit(&Outcomes { next: next.as_ref(), rewards: &rewards, allowed: None }, &options)
+        .unwrap();
     let trials = 40;
     let mut balanced = 0;
     for _ in 0..trials {
@@ -328,12 +334,47 @@ fn a_circle_of_greedy_policies_is_found() {
         let data = Samples { phi: phi.as_ref(), actions: &actions, weights: &weights };
         let problem = Lspi::new(data, 2, Par::Seq).unwrap();
         let options = LspiOptions { gamma: 0.95, ..LspiOptions::default() };
-        let fit = problem.fit(next.as_ref(), &rewards, &options).unwrap();
+        let fit = problem.fit(&Outcomes { next: next.as_ref(), rewards: &rewards, allowed: None }, &options).unwrap();
         assert!(fit.converged != fit.cycle.is_some(), "seed {seed}: it ends in rest or in a circle");
         circles += usize::from(fit.cycle.is_some_and(|period| period >= 2));
     }
     println!("{circles} circles of 200");
     assert!(circles > 0);
+}
+
+/// A ring of 8 places where a turn must not be undone: what may follow depends on the action taken, and Q accounts for it.
+#[test]
+fn actions_that_may_not_follow_do_not_count() {
+    let places = 8;
+    let step = |s: usize, a: usize| if a == LEFT { (s + places - 1) % places } else { (s + 1) % places };
+    let mut process = chain(places, 1.0, &[0]);
+    for a in 0..2 {
+        for s in 0..places {
+            process.next[a][s] = vec![(step(s, a), 1.0)];
+        }
+    }
+    let samples = expected(&process, one_hot(places), |_, _| 1.0);
+    let data = Samples { phi: samples.phi.as_ref(), actions: &samples.actions, weights: &samples.weights };
+    let problem = Lspi::new(data, 2, Par::Seq).unwrap();
+    // After a turn only the same turn may follow.
+    let allowed: Vec<u32> = samples.actions.iter().map(|&a| 1 << a).collect();
+    let outcomes = Outcomes { next: samples.next.as_ref(), rewards: &samples.rewards, allowed: Some(&allowed) };
+    let fit = problem.fit(&outcomes, &LspiOptions::default()).unwrap();
+    let q = q_values(&fit, one_hot(places), places);
+    // The reward comes once in a round: from a place that is t turns away it is worth γᵗ/(1 − γ⁸).
+    let round = 1.0 / (1.0 - 0.9f64.powi(places as i32));
+    for s in 0..places {
+        let to_left = s as i32;
+        let to_right = (places as i32 - to_left) % places as i32;
+        assert!((q[s][LEFT] - 0.9f64.powi(to_left) * round).abs() < 1e-9, "Q({s}, L) = {}", q[s][LEFT]);
+        assert!((q[s][RIGHT] - 0.9f64.powi(to_right) * round).abs() < 1e-9, "Q({s}, R) = {}", q[s][RIGHT]);
+    }
+    let nothing = vec![0; samples.actions.len()];
+    let outcomes = Outcomes { allowed: Some(&nothing), ..outcomes };
+    assert_eq!(
+        problem.fit(&outcomes, &LspiOptions::default()).unwrap_err(),
+        ValueError::NothingAllowed { index: 0, actions: 2 }
+    );
 }
 
 #[test]
@@ -343,10 +384,19 @@ fn impossible_requests_are_refused_with_their_numbers() {
     assert_eq!(Lspi::new(data, 2, Par::Seq).unwrap_err(), ValueError::Action { index: 2, action: 2, actions: 2 });
     let problem = Lspi::new(data, 3, Par::Seq).unwrap();
     let options = LspiOptions { gamma: 1.0, ..LspiOptions::default() };
-    assert_eq!(problem.fit(phi.as_ref(), &[0.0; 3], &options).unwrap_err(), ValueError::Gamma(1.0));
     assert_eq!(
-        problem.fit(phi.as_ref(), &[0.0; 2], &LspiOptions::default()).unwrap_err(),
+        problem.fit(&Outcomes { next: phi.as_ref(), rewards: &[0.0; 3], allowed: None }, &options).unwrap_err(),
+        ValueError::Gamma(1.0)
+    );
+    assert_eq!(
+        problem
+            .fit(&Outcomes { next: phi.as_ref(), rewards: &[0.0; 2], allowed: None }, &LspiOptions::default())
+            .unwrap_err(),
         ValueError::Length { what: "rewards", found: 2, expected: 3 }
     );
-    assert!(problem.fit(phi.as_ref(), &[f64::NAN; 3], &LspiOptions::default()).is_err());
+    assert!(
+        problem
+            .fit(&Outcomes { next: phi.as_ref(), rewards: &[f64::NAN; 3], allowed: None }, &LspiOptions::default())
+            .is_err()
+    );
 }

@@ -1,4 +1,7 @@
 //! The actor that fits policies on new features, for all tasks from the same window of transitions.
+//!
+//! Policy iteration knows the reflexes: what may follow an action is all that it counts on. Without that, the greedy policy
+//! turns a little too far, because it believes that it may turn back, and the reflexes then send it round the whole circle.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -6,10 +9,10 @@ use std::sync::Arc;
 use faer::{Mat, Par};
 
 use super::messages::{FitRequest, Update};
-use crate::policy::{Learned, columns};
+use crate::policy::{Learned, Recent, Reflexes, columns};
 use crate::scenario::Scenario;
 use crate::slow::SlowModel;
-use crate::value::{Fit, Lspi, LspiOptions, Samples, Transition, ValueError, balance};
+use crate::value::{Fit, Lspi, LspiOptions, Outcomes, Samples, Transition, ValueError, balance};
 use crate::vision::Observation;
 use crate::world::Action;
 
@@ -19,13 +22,14 @@ const PROJECT_AT_ONCE: usize = 2048;
 /// Least-squares policy iteration over the window.
 pub struct FitPolicies {
     scenario: Arc<Scenario>,
+    reflexes: Reflexes,
     epoch: u32,
 }
 
 impl FitPolicies {
     /// A fitter for the tasks of a scenario.
     pub fn new(scenario: Arc<Scenario>) -> Self {
-        FitPolicies { scenario, epoch: 0 }
+        FitPolicies { reflexes: Reflexes::new(&scenario.policy), scenario, epoch: 0 }
     }
 
     /// Policies for a new model. Nothing of an older model is used: the whole window is projected again.
@@ -68,19 +72,30 @@ impl FitPolicies {
             max_iterations: settings.max_iterations,
             tolerance: settings.tolerance,
         };
+        let allowed: Vec<u32> = window.iter().map(|t| self.allowed_after(t)).collect();
         let tasks = self.scenario.tasks.iter().enumerate();
         tasks
             .map(|(number, task)| {
                 let rewards: Vec<f64> = window.iter().map(|t| t.rewards[number]).collect();
+                let outcomes = Outcomes { next: next.as_ref(), rewards: &rewards, allowed: Some(&allowed) };
                 if !task.absorbing {
-                    return problem.fit(next.as_ref(), &rewards, &options);
+                    return problem.fit(&outcomes, &options);
                 }
                 let until_goal = Mat::from_fn(next.nrows(), next.ncols(), |i, j| {
                     if window[j].reached[number] { 0.0 } else { next[(i, j)] }
                 });
-                problem.fit(until_goal.as_ref(), &rewards, &options)
+                problem.fit(&Outcomes { next: until_goal.as_ref(), ..outcomes }, &options)
             })
             .collect()
+    }
+
+    /// The actions that the reflexes let follow a transition, as bits.
+    fn allowed_after(&self, transition: &Transition<Arc<Observation>>) -> u32 {
+        let recent = Recent { action: Some(Action::ALL[transition.action]), blocked: transition.blocked };
+        Action::ALL
+            .into_iter()
+            .filter(|&action| self.reflexes.allow(action, recent))
+            .fold(0, |bits, action| bits | 1 << action.index())
     }
 }
 

@@ -186,6 +186,7 @@ impl Perceive {
                     self.window.push(Transition {
                         from,
                         action: action.index(),
+                        blocked: boundary.blocked,
                         rewards: boundary.rewards.clone(),
                         reached: boundary.in_goal.clone(),
                         to: frame.observation.clone(),

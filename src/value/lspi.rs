@@ -28,6 +28,39 @@ pub struct Samples<'a> {
     pub weights: &'a [f64],
 }
 
+/// What came of each sample, for one task.
+#[derive(Debug, Clone, Copy)]
+pub struct Outcomes<'a> {
+    /// `Φ′`, `f × N`: what was seen after each action; a zero column where the episode ended.
+    pub next: MatRef<'a, f64>,
+    /// Rewards, `N`.
+    pub rewards: &'a [f64],
+    /// Which actions may follow each sample, as bits (bit `b`: action `b` may), `N`; `None`: all of them.
+    ///
+    /// With rules such as "a turn is not undone" what may follow depends on the action taken, not on what came
+    /// before it, so `Q(x, a)` stays a function of `x` and `a`: `Q(x, a) = r + γ max_{b may follow} Q(x′, b)`.
+    pub allowed: Option<&'a [u32]>,
+}
+
+impl Outcomes<'_> {
+    fn allows(&self, sample: usize, action: usize) -> bool {
+        self.allowed.is_none_or(|allowed| allowed[sample] & (1 << action) != 0)
+    }
+
+    fn check(&self, n: usize, actions: usize) -> Result<(), ValueError> {
+        let allowed = self.allowed.map_or(n, <[u32]>::len);
+        for (what, found) in [("next", self.next.ncols()), ("rewards", self.rewards.len()), ("allowed", allowed)] {
+            if found != n {
+                return Err(ValueError::Length { what, found, expected: n });
+            }
+        }
+        match (0..n).find(|&sample| (0..actions).all(|action| !self.allows(sample, action))) {
+            Some(index) => Err(ValueError::NothingAllowed { index, actions }),
+            None => Ok(()),
+        }
+    }
+}
+
 /// Options of [`Lspi::fit`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Options {
@@ -111,21 +144,14 @@ impl<'a> Lspi<'a> {
 
     /// Policy iteration for one task.
     ///
-    /// # Shapes
-    /// `next`: `Φ′`, `f × N`, what was seen after each action, a zero column where the episode ended; `rewards`: `N`.
-    ///
     /// # Errors
-    /// `next` or rewards of another length, options outside their ranges, values that are not finite.
+    /// Outcomes of another length than the samples, a sample after which nothing is allowed, options outside their
+    /// ranges, values that are not finite.
     ///
     /// # Reference
     /// Lagoudakis & Parr 2003; thesis §3.3, algorithm 5.
-    pub fn fit(&self, next: MatRef<'_, f64>, rewards: &[f64], options: &Options) -> Result<Fit, ValueError> {
-        let n = self.data.phi.ncols();
-        for (what, found) in [("next", next.ncols()), ("rewards", rewards.len())] {
-            if found != n {
-                return Err(ValueError::Length { what, found, expected: n });
-            }
-        }
+    pub fn fit(&self, outcomes: &Outcomes<'_>, options: &Options) -> Result<Fit, ValueError> {
+        outcomes.check(self.data.phi.ncols(), self.actions)?;
         if !(0.0..1.0).contains(&options.gamma) {
             return Err(ValueError::Gamma(options.gamma));
         }
@@ -135,8 +161,8 @@ impl<'a> Lspi<'a> {
         if !(options.mixing > 0.0 && options.mixing <= 1.0) {
             return Err(ValueError::Mixing(options.mixing));
         }
-        let right = self.right_hand_side(rewards);
-        let mut cross = self.cross_of_uniform(next);
+        let right = self.right_hand_side(outcomes.rewards);
+        let mut cross = self.cross_of_uniform(outcomes);
         let mut weights = Mat::zeros(self.data.phi.nrows(), self.actions);
         let mut chosen: Vec<usize> = Vec::new();
         let mut seen: HashMap<Vec<usize>, usize> = HashMap::new();
@@ -146,7 +172,7 @@ impl<'a> Lspi<'a> {
             let change = (&new - &weights).norm_max();
             let settled = change <= options.tolerance * new.norm_max();
             weights = new;
-            let next_chosen = self.greedy_at(next, &weights);
+            let next_chosen = self.greedy_after(outcomes, &weights);
             let same = next_chosen == chosen;
             chosen = next_chosen;
             fit.iterations = iteration;
@@ -160,7 +186,7 @@ impl<'a> Lspi<'a> {
                 fit.cycle = Some(iteration - before);
                 break;
             }
-            self.mix_in_greedy(&mut cross, next, &chosen, options.mixing);
+            self.mix_in_greedy(&mut cross, outcomes.next, &chosen, options.mixing);
         }
         fit.weights = weights;
         Ok(fit)
@@ -178,17 +204,20 @@ impl<'a> Lspi<'a> {
         right
     }
 
-    /// `M` of the policy that takes all actions alike: the blocks `M_ab` stacked as one `fA × fA` matrix.
-    fn cross_of_uniform(&self, next: MatRef<'_, f64>) -> Mat<f64> {
+    /// `M` of the policy that takes all allowed actions alike: the blocks `M_ab` as one `fA × fA` matrix.
+    fn cross_of_uniform(&self, outcomes: &Outcomes<'_>) -> Mat<f64> {
         let f = self.data.phi.nrows();
+        let share = |sample: usize, action: usize| {
+            let may = (0..self.actions).filter(|&b| outcomes.allows(sample, b)).count();
+            if outcomes.allows(sample, action) { 1.0 / may as f64 } else { 0.0 }
+        };
         let mut cross = Mat::zeros(f * self.actions, f * self.actions);
         for (a, members) in self.members.iter().enumerate() {
-            let after = Mat::from_fn(f, members.len(), |i, j| next[(i, members[j])]);
-            let mut block = Mat::zeros(f, f);
-            let share = 1.0 / self.actions as f64;
-            matmul(block.as_mut(), Accum::Replace, self.weighted[a].as_ref(), after.transpose(), share, self.par);
             for b in 0..self.actions {
-                cross.as_mut().submatrix_mut(a * f, b * f, f, f).copy_from(&block);
+                let after =
+                    Mat::from_fn(f, members.len(), |i, j| share(members[j], b) * outcomes.next[(i, members[j])]);
+                let block = cross.as_mut().submatrix_mut(a * f, b * f, f, f);
+                matmul(block, Accum::Replace, self.weighted[a].as_ref(), after.transpose(), 1.0, self.par);
             }
         }
         cross
@@ -226,10 +255,13 @@ impl<'a> Lspi<'a> {
         Ok(Mat::from_fn(f, self.actions, |i, a| stacked[(a * f + i, 0)]))
     }
 
-    fn greedy_at(&self, next: MatRef<'_, f64>, weights: &Mat<f64>) -> Vec<usize> {
-        let mut q = Mat::zeros(self.actions, next.ncols());
-        matmul(q.as_mut(), Accum::Replace, weights.transpose(), next, 1.0, self.par);
-        (0..q.ncols()).map(|i| greedy((0..self.actions).map(|a| q[(a, i)]))).collect()
+    /// The best action of those that may follow each sample.
+    fn greedy_after(&self, outcomes: &Outcomes<'_>, weights: &Mat<f64>) -> Vec<usize> {
+        let mut q = Mat::zeros(self.actions, outcomes.next.ncols());
+        matmul(q.as_mut(), Accum::Replace, weights.transpose(), outcomes.next, 1.0, self.par);
+        let value =
+            |sample: usize, a: usize| if outcomes.allows(sample, a) { q[(a, sample)] } else { f64::NEG_INFINITY };
+        (0..q.ncols()).map(|sample| greedy((0..self.actions).map(|a| value(sample, a)))).collect()
     }
 }
 

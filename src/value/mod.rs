@@ -8,7 +8,7 @@ mod lspi;
 mod lstd;
 mod window;
 
-pub use lspi::{Fit, Lspi, Options as LspiOptions, Samples, greedy};
+pub use lspi::{Fit, Lspi, Options as LspiOptions, Outcomes, Samples, greedy};
 pub use lstd::{lstd, solve_or_pseudo_inverse};
 pub use window::{Transition, Window, balance};
 
@@ -37,6 +37,14 @@ pub enum ValueError {
         index: usize,
         /// Its action.
         action: usize,
+        /// Number of actions.
+        actions: usize,
+    },
+    /// A sample after which no action may follow.
+    #[error("no action may follow sample {index}: at least one of {actions} must be allowed")]
+    NothingAllowed {
+        /// Which sample.
+        index: usize,
         /// Number of actions.
         actions: usize,
     },

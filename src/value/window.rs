@@ -14,6 +14,8 @@ pub struct Transition<S> {
     pub from: S,
     /// Action number.
     pub action: usize,
+    /// Whether the action was blocked.
+    pub blocked: bool,
     /// Reward of each task.
     pub rewards: Vec<f64>,
     /// Whether each task's goal was reached.
@@ -99,7 +101,7 @@ mod tests {
     use super::*;
 
     fn transition(cell: usize, action: usize, id: u32) -> Transition<u32> {
-        Transition { from: id, action, rewards: vec![0.0], reached: vec![false], to: id + 1, cell }
+        Transition { from: id, action, blocked: false, rewards: vec![0.0], reached: vec![false], to: id + 1, cell }
     }
 
     #[test]
