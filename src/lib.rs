@@ -1,4 +1,80 @@
-//! Adagio.
+//! Adagio is an agent that learns to navigate from a camera, while it drives.
+//!
+//! It explores, learns what its images mean (slow features), learns what its actions are worth (least-squares policy
+//! iteration) and acts on that, in one continuous run that is recorded in one log. The method is that of W. Böhmer's thesis
+//! *Robot Navigation using Reinforcement Learning and Slow Feature Analysis*, which ran as three offline phases, made
+//! into a stream.
+//!
+//! # The way of a frame
+//!
+//! ```text
+//!  scenario.toml
+//!       │
+//!    source ──frame──▶ vision ──observation──▶ dictionary ──Newton coordinates──▶ moments ──▶ slow features ─┐ (model k)
+//!       ▲                32 × 16 RGB             ALD, grows       v = L⁻¹k(x)     running     re-solved      │
+//!       │                                                                          sums       now and then   │
+//!       │                                                                                                    ▼
+//!       └──action── policy ◀──weights── LSPI ◀──rolling window of transitions (x, a, r, x′)─── features φ(x)
+//!
+//!  everything that happens ──────────▶ log (MCAP)
+//! ```
+//!
+//! # The folders, in the order of that way
+//!
+//! | module | what it is |
+//! |---|---|
+//! | [`scenario`] | what to run: a TOML file as checked values |
+//! | [`source`] | where frames come from |
+//! | [`world`] | the simulated world: walls, robot, sonar, camera |
+//! | [`vision`] | camera image → observation |
+//! | [`kernel`] | kernel functions, kernel values for blocks |
+//! | [`dictionary`] | which observations to keep as support vectors |
+//! | [`slow`] | moments and slow features |
+//! | [`value`] | transitions, LSTD, LSPI |
+//! | [`policy`] | exploration, pursuit, reflexes, reference, optimum |
+//! | [`agent`] | the actors and their queues |
+//! | [`log`] | messages, CDR, writer, reader |
+//! | [`evaluate`] | trials, convergence quality, pose decoding |
+//! | [`report`] | what a run came to |
+//! | [`cli`] | one file per command |
+//!
+//! [`kernel`], [`dictionary`], [`slow`] and [`value`] know nothing of threads, clocks, files, robots or images: they can be
+//! used for other signals.
+//!
+//! # Slow features of a stream, without any robot
+//!
+//! ```
+//! use adagio::dictionary::Parameters;
+//! use adagio::kernel::Kernel;
+//! use adagio::slow::{Link, SlowModel, SlowStream, StreamOptions, solve};
+//! use faer::{Mat, Par};
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! // A slow phase, seen through two fast-changing channels: x = (sin t + cos²(11 t), cos 11 t).
+//! let n = 2000;
+//! let t = |i: usize| std::f64::consts::TAU * i as f64 / n as f64;
+//! let x = Mat::from_fn(2, n, |row, i| {
+//!     let fast = (11.0 * t(i)).cos();
+//!     if row == 0 { t(i).sin() + fast * fast } else { fast }
+//! });
+//!
+//! let dictionary = Parameters { kernel: Kernel::gaussian(1.5)?, nu: 1e-5, budget: 200, par: Par::Seq };
+//! let options = StreamOptions { dictionary, retained: n, memory_frames: None, settle_at: 16 };
+//! let mut stream = SlowStream::new(options)?;
+//! let link = Some(Link { dt: 1.0, weight: 1.0 });
+//! for start in (0..n).step_by(100) {
+//!     stream.push(x.as_ref().subcols(start, 100), &[link; 100])?;
+//! }
+//!
+//! let features = solve(stream.settled_moments(), 1, 1e-9, None)?;
+//! let phi = SlowModel::new(stream.dictionary(), &features).apply(x.as_ref(), Par::Seq);
+//! // The slowest feature is sin t, which neither channel shows.
+//! let product: f64 = (0..n).map(|i| phi[(1, i)] * t(i).sin()).sum::<f64>() / n as f64;
+//! let correlation = product.abs() / 0.5f64.sqrt();
+//! assert!(correlation > 0.99, "{correlation}");
+//! # Ok(())
+//! # }
+//! ```
 
 pub mod agent;
 pub mod cli;

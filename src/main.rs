@@ -3,7 +3,7 @@
 use std::process::{ExitCode, exit};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use adagio::cli::{Cli, Ending, dispatch};
+use adagio::cli::{Cli, Command, Ending, dispatch};
 use clap::Parser;
 
 /// The command failed.
@@ -19,14 +19,17 @@ static STOP: AtomicBool = AtomicBool::new(false);
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
-    let handler = ctrlc::set_handler(|| {
-        if STOP.swap(true, Ordering::Relaxed) {
-            exit(INTERRUPTED);
+    // Other commands have nothing to finish: Ctrl-C ends them as it ends any program.
+    if matches!(cli.command, Command::Run(_)) {
+        let handler = ctrlc::set_handler(|| {
+            if STOP.swap(true, Ordering::Relaxed) {
+                exit(INTERRUPTED);
+            }
+            eprintln!("finishing: the log is closed and the report written; Ctrl-C again to end at once");
+        });
+        if let Err(error) = handler {
+            eprintln!("Ctrl-C will end this at once: {error}");
         }
-        eprintln!("finishing: the log is closed and the report written; Ctrl-C again to end at once");
-    });
-    if let Err(error) = handler {
-        eprintln!("Ctrl-C will end this at once: {error}");
     }
     let (code, text) = match dispatch(cli, &STOP) {
         Ending::Done => return ExitCode::SUCCESS,

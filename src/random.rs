@@ -1,8 +1,17 @@
-//! Named streams of random numbers: one per purpose, so that adding one does not shift the others.
+//! What makes runs repeatable: named streams of random numbers, one per purpose, so that adding one does not shift the
+//! others; and matrix decompositions on one thread, because their bits depend on the number of threads.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use sha2::{Digest, Sha256};
+
+/// Let all decompositions (eigenvalues, LU, Cholesky, SVD) of this process run on one thread.
+///
+/// faer spreads them over all cores unless told otherwise, and its eigenvalues then have other bits for another number of
+/// cores. Whoever computes what goes into a digest calls this first.
+pub fn fix_parallelism() {
+    faer::set_global_parallelism(faer::Par::Seq);
+}
 
 /// The generator for one purpose of one run. The same seed and name give the same numbers on every machine.
 pub fn stream(seed: u64, name: &str) -> ChaCha8Rng {

@@ -30,7 +30,9 @@ fn evaluation_logging_and_queues_do_not_touch_the_run() {
 #[test]
 fn one_core_gives_the_digest_of_all() {
     let folder = tempfile::tempdir().unwrap();
-    let all = digest(folder.path(), "all", &[]);
+    // A dictionary large enough that a decomposition on two threads would have other bits than on one.
+    let large = ["--set", "dictionary.budget=600", "--set", "dictionary.nu=0.001"];
+    let all = digest(folder.path(), "all", &large);
     // One thread for everything that is computed side by side, on the first core that this process may use.
     let status = std::fs::read_to_string("/proc/self/status").unwrap();
     let allowed = status.lines().find_map(|line| line.strip_prefix("Cpus_allowed_list:")).unwrap().trim();
@@ -38,6 +40,7 @@ fn one_core_gives_the_digest_of_all() {
     let scenario = common::package_file("scenarios/smoke.toml");
     let output = std::process::Command::new("taskset")
         .args(["-c", core, env!("CARGO_BIN_EXE_adagio"), "run", scenario.to_str().unwrap(), "--quiet", "--out", "one"])
+        .args(large)
         .current_dir(folder.path())
         .env("RAYON_NUM_THREADS", "1")
         .output();

@@ -219,7 +219,6 @@ fn forgotten_frames_count_as_zero_in_later_coordinates_only() {
     // The first coordinate is the kernel value at the first frame, which every frame has from the start.
     assert!((part[(0, 0)] - whole[(0, 0)]).abs() < 1e-12);
     assert!(part[(last, last)] < whole[(last, last)] + 1e-15);
-    assert!(stream.bytes() > 100 * 8 * part.nrows());
 }
 
 #[test]

@@ -105,12 +105,26 @@ fn a_fault_names_value_range_and_the_key_that_was_meant() {
     assert!(faults_of(&room, &[]).is_empty());
     assert_fault(&room, &["dictionary.nu=0"], "dictionary.nu", &["= 0 ", "(0, 0.999]"]);
     assert_fault(&room, &["dictionary.kernel=linear"], "dictionary.kernel", &["linear", "gaussian", "laplacian"]);
-    assert_fault(&room, &["dictionary.bugdet=9"], "dictionary.bugdet", &["unknown key"]);
+    assert_fault(&room, &["dictionary.bugdet=9"], "dictionary.bugdet", &["is not a key"]);
     assert_fault(&room, &["nonsense"], "nonsense", &["KEY=VALUE"]);
     let misspelt = format!("{room}[value]\ngama = 0.5\n");
     assert_fault(&misspelt, &[], "value.gama", &["did you mean gamma?"]);
     assert_fault(&room, &["value.gamma=1.0"], "value.gamma", &["= 1 ", "[0, 0.9999]"]);
     assert_fault(&room, &["robot.turn_deg=nan"], "robot.turn_deg", &["NaN", "(0, 180]"]);
+}
+
+#[test]
+fn contradictions_are_reported_beside_other_faults_but_not_of_faulty_keys() {
+    let text = format!("{ROOM}{TASK}");
+    let sets =
+        ["dictionary.nu=0", "dictionary.bogus=1", "slow.features=5000", "robot.radius=1.2", "task.0.goal=[0.0, 0.0]"];
+    let keys: Vec<String> = faults_of(&text, &sets).into_iter().map(|fault| fault.key).collect();
+    for key in ["dictionary.nu", "dictionary.bogus", "slow.features", "robot.start", "task.0.goal"] {
+        assert!(keys.iter().any(|found| found == key), "{key} is not among {keys:?}");
+    }
+    assert_eq!(keys.len(), 5);
+    // The budget itself is at fault: nothing is said of features against it.
+    assert_fault(&text, &["dictionary.budget=-5", "slow.features=3000"], "dictionary.budget", &["-5"]);
 }
 
 #[test]
@@ -128,6 +142,7 @@ fn contradictions_are_faults() {
         "task.0.goal",
         &["[0.1, 0.9]".replace("0.1, 0.9", "9.0, 0.9").as_str()],
     );
+    assert_fault(&room, &["task.0.radius=9.0"], "task.0.radius", &["= 9 m", "no start is left"]);
     assert_fault(&room, &["robot.radius=1.0"], "robot.start", &["0.900 m from a wall", "robot.radius = 1 m"]);
     assert_fault(&room, &["robot.start=[0.1, 0.9]"], "robot.start", &["0.100 m from a wall"]);
     assert_fault(&room, &["robot.start=[8.0, 0.9]"], "robot.start", &["not enclosed"]);

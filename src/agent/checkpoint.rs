@@ -3,7 +3,7 @@
 //! Tensors: `members` (m × d, f32), `projection` (k × m), `offset` (k), `slowness` (k), `weights.N` (3 × (k + 1)) for each task
 //! N, all f64 and row by row. The metadata has the complete scenario, so the file alone is enough to evaluate.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -18,6 +18,9 @@ use crate::slow::SlowModel;
 
 /// Name of the newest checkpoint in a run folder, and of the attachment in a log.
 pub const CHECKPOINT_NAME: &str = "checkpoint.safetensors";
+
+/// Name of the entry of the file's metadata that holds all of ours.
+const METADATA: &str = "adagio";
 
 /// Why a checkpoint cannot be written or read.
 #[derive(Debug, Error)]
@@ -61,15 +64,18 @@ pub fn checkpoint_bytes(learned: &Learned, scenario: &Scenario) -> Result<Vec<u8
     for (task, weights) in learned.weights.iter().enumerate() {
         tensors.push(matrix(&format!("weights.{task}"), weights.as_ref()));
     }
-    let metadata = HashMap::from([
+    let entries = BTreeMap::from([
         ("scenario".to_owned(), scenario.text.clone()),
         ("epoch".to_owned(), learned.epoch.to_string()),
         ("asked_at".to_owned(), learned.asked_at.to_string()),
         ("frames".to_owned(), learned.frames.to_string()),
         ("sigma_bits".to_owned(), model.kernel.sigma().to_bits().to_string()),
         ("exponent".to_owned(), model.kernel.exponent().to_string()),
+        ("scenario_sha256".to_owned(), scenario.sha256()),
         ("digest".to_owned(), learned.digest()),
     ]);
+    // One entry: the format keeps several in no fixed order, and equal runs write equal bytes.
+    let metadata = HashMap::from([(METADATA.to_owned(), serde_json::to_string(&entries).map_err(damaged)?)]);
     let views: Result<Vec<(&str, TensorView<'_>)>, _> = tensors
         .iter()
         .map(|(name, dtype, shape, bytes)| {
@@ -100,10 +106,15 @@ pub fn write_checkpoint(path: &Path, bytes: &[u8]) -> Result<(), CheckpointError
 /// The bytes are no whole checkpoint, or its scenario is not valid.
 pub fn read_checkpoint(bytes: &[u8], path: &Path) -> Result<(Learned, Scenario), CheckpointError> {
     let (_, header) = SafeTensors::read_metadata(bytes).map_err(damaged)?;
-    let metadata = header.metadata().clone().unwrap_or_default();
+    let outer = header.metadata().clone().unwrap_or_default();
+    let text = outer.get(METADATA).ok_or_else(|| damaged(format!("its metadata {METADATA} is missing")))?;
+    let metadata: BTreeMap<String, String> = serde_json::from_str(text).map_err(damaged)?;
     let entry = |key: &str| metadata.get(key).ok_or_else(|| damaged(format!("{key} is missing")));
     let number = |key: &str| entry(key)?.parse::<u64>().map_err(|e| damaged(format!("{key}: {e}")));
     let scenario = Scenario::parse(entry("scenario")?, path, &[])?;
+    if scenario.sha256() != *entry("scenario_sha256")? {
+        return Err(damaged("its scenario is not the one that it names"));
+    }
     let tensors = SafeTensors::deserialize(bytes).map_err(damaged)?;
     let read = |name: &str| -> Result<(Vec<usize>, Vec<f64>), CheckpointError> {
         let view = tensors.tensor(name).map_err(|e| damaged(format!("{name}: {e}")))?;
@@ -143,6 +154,11 @@ pub fn read_checkpoint(bytes: &[u8], path: &Path) -> Result<(Learned, Scenario),
             return Err(damaged(format!("weights.{task} has a shape that does not fit {k} features")));
         }
         weights.push(of_task);
+    }
+    let values = 3 * scenario.vision.width * scenario.vision.height;
+    if members.nrows() != values {
+        let found = members.nrows();
+        return Err(damaged(format!("its support vectors have {found} values, observations have {values}")));
     }
     let members = Mat::from_fn(members.nrows(), members.ncols(), |i, j| members[(i, j)] as f32);
     let model = SlowModel::from_parts(kernel, members, projection, offset, slowness);

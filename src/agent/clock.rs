@@ -8,13 +8,13 @@ use serde::Serialize;
 /// Durations of repeated work, milliseconds.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Timing {
-    /// From percept to action.
+    /// To decide on an action once its percept is there.
     pub act_p50: f64,
-    /// From percept to action.
+    /// To decide on an action once its percept is there.
     pub act_p99: f64,
-    /// To perceive a frame, learning included.
+    /// To perceive a frame: vision, learning, and waiting for room in queues.
     pub frame_p50: f64,
-    /// To perceive a frame, learning included.
+    /// To perceive a frame: vision, learning, and waiting for room in queues.
     pub frame_p99: f64,
     /// To solve slow features.
     pub resolve_p50: f64,

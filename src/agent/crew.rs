@@ -1,5 +1,6 @@
 //! Threads for the actors; the first error of any of them is kept.
 
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::thread::{Builder, Scope, ScopedJoinHandle};
 
@@ -9,6 +10,8 @@ use super::run::RunError;
 pub struct Crew<'scope, 'env> {
     pub scope: &'scope Scope<'scope, 'env>,
     pub failed: &'scope Mutex<Option<RunError>>,
+    /// Set with the first error, so that the run ends at the next decision.
+    pub ended: &'scope AtomicBool,
 }
 
 impl<'scope> Crew<'scope, '_> {
@@ -18,7 +21,7 @@ impl<'scope> Crew<'scope, '_> {
         name: &'static str,
         work: impl FnOnce() -> Result<R, RunError> + Send + 'scope,
     ) -> Result<ScopedJoinHandle<'scope, Option<R>>, RunError> {
-        let failed = self.failed;
+        let (failed, ended) = (self.failed, self.ended);
         let guarded = move || {
             let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(work));
             let error = match result {
@@ -31,6 +34,7 @@ impl<'scope> Crew<'scope, '_> {
                 }
             };
             failed.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
+            ended.store(true, Ordering::Relaxed);
             None
         };
         Builder::new().name(name.to_owned()).spawn_scoped(self.scope, guarded).map_err(RunError::Thread)

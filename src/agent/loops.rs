@@ -3,11 +3,13 @@
 //! An actor whose neighbour is gone ends quietly: the neighbour has ended for a reason, and that one is reported.
 
 use std::collections::VecDeque;
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use super::act::Act;
+use super::checkpoint::{checkpoint_bytes, write_checkpoint};
 use super::clock::Clock;
 use super::messages::{Percept, SolveRequest, Update};
 use super::perceive::{self, Perceive};
@@ -91,7 +93,7 @@ pub fn perceive(
 }
 
 fn deliver(
-    learned: perceive::Learned,
+    learned: perceive::Learning,
     done: &mut Perceived,
     solve: &Outbox<SolveRequest>,
     record: &Recorder,
@@ -120,6 +122,7 @@ pub struct Deciding<'a> {
     pub record: &'a Recorder,
     pub status: &'a Status,
     pub stop: &'a AtomicBool,
+    pub ended: &'a AtomicBool,
 }
 
 impl Deciding<'_> {
@@ -136,10 +139,12 @@ impl Deciding<'_> {
             Acted { learned: None, without_model: None, actions: 0, pursuits: Vec::new(), clock: Clock::new() };
         // Frames at which models were asked for whose answers have not come into effect.
         let mut asked = VecDeque::new();
+        let mut last_frame = 0;
         let latency = self.scenario.agent.latency_frames as u64;
         while let Ok(percept) = percepts.take() {
             asked.extend(percept.asked.iter().copied());
             let frame = percept.observation.frame;
+            last_frame = frame;
             while let Some(&at) = asked.front() {
                 let update = match self.scenario.agent.mode {
                     Mode::Lockstep if at + latency <= frame => updates.take().map(Some),
@@ -155,7 +160,8 @@ impl Deciding<'_> {
                     Err(Closed) => return Ok(acted),
                 }
             }
-            if self.stop.load(Ordering::Relaxed) || acted.actions >= self.scenario.actions as u64 {
+            let stop = self.stop.load(Ordering::Relaxed) || self.ended.load(Ordering::Relaxed);
+            if stop || acted.actions >= self.scenario.actions as u64 {
                 break;
             }
             let decision = acted.clock.time(|| act.step(&percept));
@@ -175,8 +181,9 @@ impl Deciding<'_> {
         drop(actions);
         while percepts.take().is_ok() {}
         while let Ok(update) = updates.take() {
-            let now = self.status.snapshot();
-            self.install(&mut act, &mut acted, update, now.frames, now.stamp_ns, assess);
+            // It would act from the frame after the last one.
+            let stamp_ns = self.status.snapshot().stamp_ns;
+            self.install(&mut act, &mut acted, update, last_frame + 1, stamp_ns, assess);
         }
         acted.pursuits = act.tallies().to_vec();
         Ok(acted)
@@ -213,17 +220,21 @@ impl Deciding<'_> {
     }
 }
 
-/// The assess actor: trials with every model, or every few, beside the run.
+/// The assess actor: keeps every model in the run's folder, and runs trials with it beside the run.
 pub fn assess(
     models: &Inbox<(Arc<Learned>, u64)>,
     evaluator: Option<&Evaluator>,
+    checkpoint: Option<&Path>,
     scenario: &Scenario,
     record: &Recorder,
     status: &Status,
-) -> Vec<CurvePoint> {
+) -> Result<Vec<CurvePoint>, RunError> {
     let mut curve = Vec::new();
     let every = scenario.evaluate.every as u32;
     while let Ok((learned, stamp_ns)) = models.take() {
+        if let Some(path) = checkpoint {
+            write_checkpoint(path, &checkpoint_bytes(&learned, scenario)?)?;
+        }
         let Some(evaluator) = evaluator.filter(|_| every > 0 && learned.epoch.is_multiple_of(every)) else { continue };
         let results = evaluator.evaluate(&learned, false);
         let point = curve_point(&learned, &results, scenario);
@@ -233,7 +244,7 @@ pub fn assess(
             break;
         }
     }
-    curve
+    Ok(curve)
 }
 
 /// One evaluation as a point of the curve.

@@ -26,7 +26,7 @@ mod run;
 mod solve;
 mod status;
 
-pub use checkpoint::{CHECKPOINT_NAME, CheckpointError, checkpoint_bytes, read_checkpoint, write_checkpoint};
+pub use checkpoint::{CHECKPOINT_NAME, CheckpointError, read_checkpoint};
 pub use clock::Timing;
 pub use run::{CurvePoint, Outcome, RunError, RunOptions, run};
 pub use status::{Snapshot, Status, peak_resident_bytes};

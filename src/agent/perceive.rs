@@ -57,7 +57,7 @@ pub struct Growth {
 
 /// What came of a frame.
 #[derive(Default)]
-pub struct Learned {
+pub struct Learning {
     pub growth: Option<Growth>,
     pub request: Option<SolveRequest>,
 }
@@ -125,22 +125,22 @@ impl Perceive {
     }
 
     /// Learn from what was seen, when a block is full or a model is due.
-    pub fn learn(&mut self) -> Result<Learned, PerceiveError> {
+    pub fn learn(&mut self) -> Result<Learning, PerceiveError> {
         let due = self.request_is_due();
         let gathering = self.stream.is_none() && self.scenario.dictionary.sigma.is_none();
         let block =
             if gathering { self.scenario.dictionary.sigma_frames } else { self.scenario.dictionary.block_frames };
         let growth = if due || self.pending.len() >= block { self.flush()? } else { None };
         let request = if due { self.request() } else { None };
-        Ok(Learned { growth, request })
+        Ok(Learning { growth, request })
     }
 
     /// Learn from the last frames, and ask for the last model.
-    pub fn finish(&mut self) -> Result<Learned, PerceiveError> {
+    pub fn finish(&mut self) -> Result<Learning, PerceiveError> {
         let growth = self.flush()?;
         let already = self.last_request.is_some() && self.last_request == self.last_number;
         let request = if already { None } else { self.request() };
-        Ok(Learned { growth, request })
+        Ok(Learning { growth, request })
     }
 
     fn request_is_due(&self) -> bool {
@@ -169,7 +169,7 @@ impl Perceive {
         let x = columns(pending.iter().map(|frame| frame.observation.as_ref()));
         let refuse = |cause| PerceiveError::Block { last_frame, cause };
         if self.stream.is_none() {
-            self.stream = Some(self.begin(&x).map_err(|error| error.unwrap_or_block(last_frame))?);
+            self.stream = Some(self.begin(&x).map_err(|error| error.at_frame(last_frame))?);
         }
         let Some(stream) = self.stream.as_mut() else { return Ok(None) };
         let links: Vec<Option<Link>> = pending.iter().map(|frame| frame.link).collect();
@@ -180,6 +180,10 @@ impl Perceive {
             let block = stream.push(x.as_ref().subcols(start, size), &links[start..start + size]).map_err(refuse)?;
             accepted.extend(block.accepted.iter().map(|&index| pending[start + index].observation.frame));
             for (frame, &cell) in pending[start..start + size].iter().zip(&block.nearest) {
+                if frame.link.is_none() {
+                    // Frames are missing before this one: what the action came to cannot be told.
+                    self.last_boundary = None;
+                }
                 let Some(boundary) = &frame.boundary else { continue };
                 let before = self.last_boundary.replace((frame.observation.clone(), cell));
                 if let (Some((from, cell)), Some(action)) = (before, frame.action) {
@@ -240,7 +244,7 @@ enum Begin {
 }
 
 impl Begin {
-    fn unwrap_or_block(self, last_frame: u64) -> PerceiveError {
+    fn at_frame(self, last_frame: u64) -> PerceiveError {
         match self {
             Begin::Kernel(error) => PerceiveError::Width(error),
             Begin::Dictionary(cause) => PerceiveError::Block { last_frame, cause },

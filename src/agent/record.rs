@@ -77,6 +77,7 @@ impl Recorder {
             ..Default::default()
         };
         self.write(topics::ODOMETRY, number, stamp, odometry)?;
+        let reach = self.scenario.robot.sonar_range;
         let increment = std::f32::consts::TAU / frame.sonar.len() as f32;
         let sonar = msg::LaserScan {
             header: header("base_link"),
@@ -84,7 +85,8 @@ impl Recorder {
             angle_max: std::f32::consts::TAU - increment,
             angle_increment: increment,
             range_max: self.scenario.robot.sonar_range as f32,
-            ranges: frame.sonar.iter().map(|&range| range as f32).collect(),
+            // REP 117: nothing within range is +∞.
+            ranges: frame.sonar.iter().map(|&range| if range < reach { range as f32 } else { f32::INFINITY }).collect(),
             ..Default::default()
         };
         self.write(topics::SONAR, number, stamp, sonar)

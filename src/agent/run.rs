@@ -1,5 +1,6 @@
 //! One run: the actors on their threads, from the first frame to the closed log.
 
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -21,6 +22,7 @@ use super::status::Status;
 use crate::evaluate::Evaluator;
 use crate::log::{LogError, LogTotals, LogWriter};
 use crate::policy::{Learned, Tally};
+use crate::random::fix_parallelism;
 use crate::scenario::Scenario;
 use crate::source::{Frame, Source};
 use crate::world::Action;
@@ -51,6 +53,8 @@ pub struct RunOptions<'a> {
     pub stop: &'a AtomicBool,
     /// What the run is doing, to be watched from another thread.
     pub status: &'a Status,
+    /// Where what was learned is kept from the first model on; nowhere without.
+    pub checkpoint: Option<&'a Path>,
     /// Trials for evaluations during the run; none without.
     pub evaluator: Option<&'a Evaluator>,
 }
@@ -109,6 +113,7 @@ pub fn run(
     log: LogWriter,
     options: &RunOptions<'_>,
 ) -> Result<Outcome, RunError> {
+    fix_parallelism();
     let begin = Instant::now();
     let status = options.status;
     let capacity = scenario.agent.queue;
@@ -132,10 +137,10 @@ pub fn run(
     let recorder = Recorder::new(writes_out, scenario.clone());
     let flush = Duration::from_secs_f64(scenario.log.flush_seconds);
     let failed: Mutex<Option<RunError>> = Mutex::new(None);
-    let over = AtomicBool::new(false);
+    let (ended, over) = (AtomicBool::new(false), AtomicBool::new(false));
 
     let parts = std::thread::scope(|scope| -> Result<_, RunError> {
-        let crew = Crew { scope, failed: &failed };
+        let crew = Crew { scope, failed: &failed, ended: &ended };
         let log_thread = crew.start("log", move || Ok(write_log(&writes_in, log, flush)?))?;
         crew.start("source", move || {
             loops::supply(source, &actions_in, &frames_out);
@@ -163,12 +168,12 @@ pub fn run(
             }
             Ok(clock)
         })?;
-        let (record, evaluator) = (recorder.clone(), options.evaluator);
+        let (record, evaluator, checkpoint) = (recorder.clone(), options.evaluator, options.checkpoint);
         let assess =
-            crew.start("assess", move || Ok(loops::assess(&assess_in, evaluator, scenario, &record, status)))?;
-        let (record, stop) = (recorder.clone(), options.stop);
+            crew.start("assess", move || loops::assess(&assess_in, evaluator, checkpoint, scenario, &record, status))?;
+        let (record, stop, ended) = (recorder.clone(), options.stop, &ended);
         let act = crew.start("act", move || {
-            let deciding = loops::Deciding { scenario, record: &record, status, stop };
+            let deciding = loops::Deciding { scenario, record: &record, status, stop, ended };
             deciding.run(&percepts_in, &updates_in, actions_out, &assess_out)
         })?;
         let record = recorder.clone();

@@ -1,10 +1,11 @@
 //! `adagio check SCENARIO|RUN`
 
+use std::fmt::Write as _;
 use std::path::Path;
 
 use serde::Serialize;
 
-use super::{CheckArgs, Ending, folder, print_json, run::load};
+use super::{CheckArgs, Ending, folder, print, print_json, run::load};
 use crate::log::{Ending as LogEnding, LogSummary, summarise};
 use crate::report::Numbered;
 use crate::scenario::Scenario;
@@ -21,15 +22,16 @@ struct Sizes {
     valid: bool,
     name: String,
     sha256: String,
-    /// Upper bound of what learning holds, bytes.
+    /// Bytes of all matrices of learning at full size.
     memory_bytes: u64,
     /// Length of the run, frames.
     frames: u64,
 }
 
-/// Upper bound of the memory of learning: see `docs` of the parts. m = budget, d = values of an observation, r = retained frames,
-/// k = features, N = window. Dictionary and moments are held twice while a request is on its way, with the solver's
-/// own three matrices.
+/// Bytes of all matrices of learning at full size, with m = budget, d = values of an observation, r = retained frames,
+/// k = features, N = window: dictionary `8m² + 4md` and moments `16m²`, twice while a request is on its way; retained frames
+/// `r(8m + 4d)`; the solver's `48m²`; the window `N(d + 24k)` and policy iteration `72k²`. The process holds more than that:
+/// images, queues, and what the allocator keeps (in the lab about twice as much).
 fn memory_bytes(s: &Scenario) -> u64 {
     let m = s.dictionary.budget as u64;
     let d = 3 * (s.vision.width * s.vision.height) as u64;
@@ -59,14 +61,13 @@ fn scenario(args: &CheckArgs) -> Ending {
     if args.json {
         return print_json(&sizes);
     }
-    print!("{}", scenario.text);
     eprintln!(
-        "{} is valid: {} frames, at most {:.0} MB for learning",
+        "{} is valid: {} frames; matrices of {:.0} MB at full size",
         args.target.display(),
         Numbered(sizes.frames),
         sizes.memory_bytes as f64 / 1e6
     );
-    Ending::Done
+    print(&scenario.text)
 }
 
 /// What `--json` prints of one log file.
@@ -116,23 +117,24 @@ fn logs(run: &Path, json: bool) -> Ending {
             Err(error) => return Ending::failed(error),
         }
     }
-    if json {
-        if let Ending::Failed(reason) = print_json(&checked) {
-            return Ending::Failed(reason);
-        }
-    } else {
+    let mut text = String::new();
+    if !json {
         for file in &checked {
-            println!("{}: {} messages, {}", file.file, Numbered(file.messages), file.ending);
+            let _ = writeln!(text, "{}: {} messages, {}", file.file, Numbered(file.messages), file.ending);
             for (count, what) in [
                 (file.damaged_records, "damaged records"),
                 (file.missing_observations, "observations missing"),
                 (file.out_of_order, "observations out of order"),
             ] {
                 if count > 0 {
-                    println!("  {} {what}", Numbered(count));
+                    let _ = writeln!(text, "  {} {what}", Numbered(count));
                 }
             }
         }
+    }
+    let printed = if json { print_json(&checked) } else { print(&text) };
+    if printed != Ending::Done {
+        return printed;
     }
     let bad = checked.iter().filter(|file| !file.is_whole()).count();
     if bad == 0 {

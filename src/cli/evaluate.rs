@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use serde::Serialize;
 
-use super::{Ending, EvaluateArgs, folder, print_json};
+use super::{Ending, EvaluateArgs, folder, print, print_json};
 use crate::evaluate::{Evaluator, PoseDecode, TaskResult, decode_pose};
 use crate::report::tasks_table;
 use crate::world::World;
@@ -34,6 +34,5 @@ pub fn evaluate(args: &EvaluateArgs) -> Ending {
     if args.json {
         return print_json(&result);
     }
-    print!("{}", tasks_table(&result.tasks, Some(&result.pose_decode)));
-    Ending::Done
+    print(&tasks_table(&result.tasks, Some(&result.pose_decode)))
 }

@@ -1,10 +1,11 @@
 //! `adagio info RUN`
 
 use std::collections::BTreeMap;
+use std::fmt::Write as _;
 
 use serde::Serialize;
 
-use super::{Ending, InfoArgs, folder, print_json};
+use super::{Ending, InfoArgs, folder, print, print_json};
 use crate::log::writer::METADATA_NAME;
 use crate::log::{Ending as LogEnding, summarise};
 use crate::report::Numbered;
@@ -35,6 +36,12 @@ pub fn info(args: &InfoArgs) -> Ending {
     let mut files = Vec::new();
     for path in paths {
         match summarise(&path) {
+            Ok(summary) if summary.messages.is_empty() && summary.metadata.is_empty() => {
+                return Ending::Failed(format!(
+                    "{} holds no records: it is not an MCAP log, or was cut at its beginning",
+                    path.display()
+                ));
+            }
             Ok(mut summary) => files.push(File {
                 file: path.display().to_string(),
                 bytes: summary.bytes,
@@ -52,31 +59,34 @@ pub fn info(args: &InfoArgs) -> Ending {
     if args.json {
         return print_json(&info);
     }
+    let mut text = String::new();
     for file in &info.files {
         let entry = |key: &str| file.metadata.get(key).map_or("unknown", String::as_str);
-        println!(
+        let _ = writeln!(
+            text,
             "{}: {}, seed {}, written by adagio {}",
             file.file,
             entry("scenario_name"),
             entry("seed"),
             entry("version")
         );
-        println!(
+        let _ = writeln!(
+            text,
             "  {:.1} MB, {:.0} s of driving, {}",
             file.bytes as f64 / 1e6,
             file.seconds,
             if file.complete { "complete" } else { "not closed" }
         );
         for (topic, count) in &file.messages {
-            println!("  {:>9}  {topic}", Numbered(*count));
+            let _ = writeln!(text, "  {:>9}  {topic}", Numbered(*count));
         }
     }
     if let Some(report) = &info.report {
         let digest = report["digest"].as_str().unwrap_or("none");
-        println!("report: {} actions, digest {digest}", report["run"]["actions"]);
+        let _ = writeln!(text, "report: {} actions, digest {digest}", report["run"]["actions"]);
         for task in report["tasks"].as_array().into_iter().flatten() {
-            println!("  {}: success {}", task["name"].as_str().unwrap_or("?"), task["success"]);
+            let _ = writeln!(text, "  {}: success {}", task["name"].as_str().unwrap_or("?"), task["success"]);
         }
     }
-    Ending::Done
+    print(&text)
 }

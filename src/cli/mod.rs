@@ -9,6 +9,7 @@ mod info;
 mod progress;
 mod run;
 
+use std::io::{ErrorKind, Write};
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
@@ -138,13 +139,20 @@ pub fn dispatch(cli: Cli, stop: &AtomicBool) -> Ending {
     }
 }
 
+/// A result on stdout. A reader that has seen enough (`| head`) is no failure.
+fn print(text: &str) -> Ending {
+    let mut stdout = std::io::stdout().lock();
+    match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {
+        Ok(()) => Ending::Done,
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => Ending::Done,
+        Err(error) => Ending::Failed(format!("cannot write to stdout: {error}")),
+    }
+}
+
 /// A value as readable JSON on stdout.
 fn print_json(value: &impl serde::Serialize) -> Ending {
     match serde_json::to_string_pretty(value) {
-        Ok(text) => {
-            println!("{text}");
-            Ending::Done
-        }
+        Ok(text) => print(&(text + "\n")),
         Err(error) => Ending::failed(error),
     }
 }

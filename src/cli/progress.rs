@@ -36,7 +36,12 @@ pub fn show(status: &Status, actions: u64, over: &AtomicBool) {
             let done = now.actions as f64 / actions as f64;
             let left = begin.elapsed().as_secs_f64() * (1.0 - done) / done.max(1e-9);
             let total = Numbered(actions);
-            eprintln!("{} of {total} actions, {left:.0} s left: {}", Numbered(now.actions as u64), line(&now, rate));
+            let left = if now.actions as u64 >= actions {
+                "waiting for the last model".to_owned()
+            } else {
+                format!("{left:.0} s left")
+            };
+            eprintln!("{} of {total} actions, {left}: {}", Numbered(now.actions as u64), line(&now, rate));
         }
     }
     bar.finish_and_clear();

@@ -6,8 +6,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use super::{Ending, RunArgs, folder, print_json, progress};
-use crate::agent::{self, CHECKPOINT_NAME, Outcome, RunOptions, Status, checkpoint_bytes, write_checkpoint};
+use super::{Ending, RunArgs, folder, print, print_json, progress};
+use crate::agent::{self, CHECKPOINT_NAME, Outcome, RunOptions, Status};
 use crate::evaluate::{Evaluator, decode_pose};
 use crate::log::{LogOptions, LogWriter};
 use crate::report::{Program, Report, table};
@@ -30,11 +30,7 @@ pub fn run(args: &RunArgs, stop: &AtomicBool) -> Ending {
     };
     match in_folder(&scenario, &run, args, stop) {
         Ok(report) if args.json => print_json(&report),
-        Ok(report) => {
-            print!("{}", table(&report));
-            println!("kept in {}", run.display());
-            Ending::Done
-        }
+        Ok(report) => print(&format!("{}kept in {}\n", table(&report), run.display())),
         Err(reason) => Ending::Failed(format!("{reason}\nwhat was recorded is kept in {}", run.display())),
     }
 }
@@ -61,21 +57,20 @@ fn in_folder(scenario: &Arc<Scenario>, run: &Path, args: &RunArgs, stop: &Atomic
     let starts = scenario.evaluate.starts;
     let evaluator = Evaluator::new(scenario.clone(), world.clone(), starts, scenario.seed);
     let mut source = Simulated::new(scenario.clone(), world.clone());
+    let checkpoint = run.join(CHECKPOINT_NAME);
     let (status, over) = (Status::default(), AtomicBool::new(false));
     let outcome = std::thread::scope(|scope| {
         if !args.quiet {
             scope.spawn(|| progress::show(&status, scenario.actions as u64, &over));
         }
-        let options = RunOptions { stop, status: &status, evaluator: Some(&evaluator) };
-        let outcome = agent::run(scenario, &mut source, log, &options);
-        over.store(true, Ordering::Relaxed);
-        outcome
+        let options = RunOptions { stop, status: &status, checkpoint: Some(&checkpoint), evaluator: Some(&evaluator) };
+        // Also if the run panics: the progress thread must end, or this scope never does.
+        let _over = SetWhenDropped(&over);
+        agent::run(scenario, &mut source, log, &options)
     });
     let outcome: Outcome = outcome.map_err(|e| text(&e))?;
     let (mut tasks, mut pose) = (Vec::new(), None);
     if let Some(learned) = &outcome.learned {
-        let bytes = checkpoint_bytes(learned, scenario).map_err(|e| text(&e))?;
-        write_checkpoint(&run.join(CHECKPOINT_NAME), &bytes).map_err(|e| text(&e))?;
         if !args.quiet {
             eprintln!("evaluating {starts} starts per task, with and without reflexes");
         }
@@ -86,6 +81,14 @@ fn in_folder(scenario: &Arc<Scenario>, run: &Path, args: &RunArgs, stop: &Atomic
     let json = serde_json::to_string_pretty(&report).map_err(|e| text(&e))?;
     write("report.json", json.as_bytes())?;
     Ok(report)
+}
+
+struct SetWhenDropped<'a>(&'a AtomicBool);
+
+impl Drop for SetWhenDropped<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
 }
 
 fn metadata(scenario: &Scenario) -> BTreeMap<String, String> {

@@ -2,6 +2,7 @@
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Par, Side};
+use nalgebra::Point2;
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -28,7 +29,8 @@ const RIDGE: f64 = 1e-6;
 pub fn decode_pose(scenario: &Scenario, world: &World, learned: &Learned, seed: u64) -> PoseDecode {
     let (train, test) = (scenario.evaluate.decode_train, scenario.evaluate.decode_test);
     let mut rng = stream(seed, "evaluate: poses to decode");
-    let poses: Vec<Pose> = (0..train + test).map(|_| draw_pose(&world.plan, &mut rng, |_| false)).collect();
+    let cells: Vec<Point2<f64>> = world.plan.reachable_cells().collect();
+    let poses: Vec<Pose> = (0..train + test).map(|_| draw_pose(&world.plan, &cells, &mut rng, |_| false)).collect();
     let seen: Vec<_> = poses
         .par_iter()
         .enumerate()

@@ -9,7 +9,7 @@ mod trials;
 pub use decode::{PoseDecode, decode_pose};
 pub use trials::{Evaluator, TaskResult, Unaided};
 
-use nalgebra::Point2;
+use nalgebra::{Point2, Vector2};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
@@ -17,10 +17,13 @@ use crate::scenario::Plan;
 use crate::world::Pose;
 
 /// A pose drawn uniformly from all places that the robot can reach, except those that `refuse` names.
-fn draw_pose(plan: &Plan, rng: &mut ChaCha8Rng, refuse: impl Fn(Point2<f64>) -> bool) -> Pose {
-    let (low, high) = plan.reachable_box();
+///
+/// A checked scenario leaves at least one cell of the plan outside of each goal, so the loop ends.
+fn draw_pose(plan: &Plan, cells: &[Point2<f64>], rng: &mut ChaCha8Rng, refuse: impl Fn(Point2<f64>) -> bool) -> Pose {
+    let half = 0.5 * Plan::CELL;
     loop {
-        let position = Point2::new(rng.random_range(low.x..=high.x), rng.random_range(low.y..=high.y));
+        let offset = Vector2::new(rng.random_range(-half..=half), rng.random_range(-half..=half));
+        let position = cells[rng.random_range(0..cells.len())] + offset;
         if plan.is_reachable(position) && !refuse(position) {
             return Pose::new(position, rng.random_range(0.0..std::f64::consts::TAU));
         }

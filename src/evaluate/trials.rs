@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use super::{draw_pose, wilson_low};
 use crate::policy::{Learned, Recent, Reflexes, columns, optimal_steps, reference_action};
-use crate::random::stream;
+use crate::random::{fix_parallelism, stream};
 use crate::scenario::{Scenario, Task};
 use crate::vision::{Observation, observe};
 use crate::world::{Action, Pose, Robot, Sensor, World, in_goal};
@@ -37,7 +37,7 @@ pub struct TaskResult {
     pub reference_success: f64,
     /// Sequences left–right–left–right (or the reverse) per 1000 actions.
     pub dithers_per_1000: f64,
-    /// The same starts without reflexes.
+    /// The same starts without reflexes, with the same weights, which count on the reflexes.
     pub without_reflexes: Option<Unaided>,
 }
 
@@ -78,27 +78,26 @@ pub struct Evaluator {
     world: Arc<World>,
     seed: u64,
     starts: Vec<Vec<Pose>>,
-    optimal: Vec<Vec<usize>>,
+    optimal: Vec<Vec<Option<usize>>>,
     reference: Vec<f64>,
 }
 
 impl Evaluator {
     /// Draw `starts` starts per task, outside its goal, and search their optimal steps.
     pub fn new(scenario: Arc<Scenario>, world: Arc<World>, starts: usize, seed: u64) -> Self {
+        fix_parallelism();
         let mut evaluator =
             Evaluator { scenario, world, seed, starts: Vec::new(), optimal: Vec::new(), reference: Vec::new() };
         let most = evaluator.scenario.evaluate.max_steps;
+        let cells: Vec<Point2<f64>> = evaluator.world.plan.reachable_cells().collect();
         for task in &evaluator.scenario.tasks {
             let mut rng = stream(seed, &format!("evaluate: starts of {}", task.name));
             let plan = &evaluator.world.plan;
             let poses: Vec<Pose> =
-                (0..starts).map(|_| draw_pose(plan, &mut rng, |position| in_goal(task, position))).collect();
+                (0..starts).map(|_| draw_pose(plan, &cells, &mut rng, |position| in_goal(task, position))).collect();
             let optimal = poses
                 .par_iter()
-                .map(|&pose| {
-                    let found = optimal_steps(&evaluator.world.arena, &evaluator.scenario.robot, task, pose, most);
-                    found.unwrap_or(most)
-                })
+                .map(|&pose| optimal_steps(&evaluator.world.arena, &evaluator.scenario.robot, task, pose, most))
                 .collect();
             evaluator.starts.push(poses);
             evaluator.optimal.push(optimal);
@@ -127,7 +126,7 @@ impl Evaluator {
             .steps
             .iter()
             .zip(optimal)
-            .filter_map(|(steps, &best)| steps.map(|steps| steps as f64 - best as f64))
+            .filter_map(|(steps, best)| Some((*steps)? as f64 - (*best)? as f64))
             .collect();
         TaskResult {
             name: self.scenario.tasks[task].name.clone(),
@@ -135,8 +134,8 @@ impl Evaluator {
             success: arrived as f64 / n as f64,
             success_wilson_low: wilson_low(arrived, n),
             mean_steps: outcome.mean_steps(),
-            optimal_mean_steps: optimal.iter().sum::<usize>() as f64 / n as f64,
-            extra_steps: (arrived > 0).then(|| extra.iter().sum::<f64>() / arrived as f64),
+            optimal_mean_steps: mean(optimal.iter().flatten().map(|&best| best as f64)).unwrap_or(f64::NAN),
+            extra_steps: mean(extra.into_iter()),
             convergence_quality: self.quality(task, outcome),
             reference_success: self.reference[task],
             dithers_per_1000: outcome.dithers_per_1000(),
@@ -152,11 +151,13 @@ impl Evaluator {
     /// The thesis's convergence quality (definition *conv_qual*), against the optimal number of steps.
     fn quality(&self, task: usize, outcome: &Outcome) -> f64 {
         let gamma = self.scenario.value.gamma;
-        let ratios = outcome
-            .steps
-            .iter()
-            .zip(&self.optimal[task])
-            .map(|(steps, &best)| steps.map_or(0.0, |steps| gamma.powi(steps as i32 - best as i32)));
+        let ratios = outcome.steps.iter().zip(&self.optimal[task]).map(|(steps, best)| match (steps, best) {
+            // Noise can make a trial shorter than the noise-free optimum: that counts as optimal.
+            (Some(steps), Some(best)) => gamma.powi(steps.saturating_sub(*best) as i32),
+            // It arrived from where the search found no way within the limit.
+            (Some(_), None) => 1.0,
+            (None, _) => 0.0,
+        });
         ratios.sum::<f64>() / outcome.steps.len() as f64
     }
 
@@ -197,7 +198,9 @@ impl Evaluator {
         let begin = |(index, &pose): (usize, &Pose)| {
             let noise = |what: &str| stream(self.seed, &format!("evaluate: {what} of {name}, trial {index}"));
             let robot = Robot::new(&self.scenario.robot, pose, noise("motion"));
-            let sensor = Sensor::new(&self.scenario.camera, self.scenario.robot.frame_seconds(), noise("camera"));
+            // A trial looks once per action.
+            let seconds = self.scenario.robot.action_seconds;
+            let sensor = Sensor::new(&self.scenario.camera, seconds, noise("camera"));
             Trial { index, robot, sensor, recent: Recent::default(), actions: Vec::new(), arrived: false }
         };
         self.starts[task].iter().enumerate().map(begin).collect()
@@ -231,13 +234,17 @@ impl Outcome {
     }
 
     fn mean_steps(&self) -> Option<f64> {
-        let steps: Vec<usize> = self.steps.iter().flatten().copied().collect();
-        (!steps.is_empty()).then(|| steps.iter().sum::<usize>() as f64 / steps.len() as f64)
+        mean(self.steps.iter().flatten().map(|&steps| steps as f64))
     }
 
     fn dithers_per_1000(&self) -> f64 {
         1000.0 * self.dithers as f64 / self.actions.max(1) as f64
     }
+}
+
+fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let (sum, count) = values.fold((0.0, 0usize), |(sum, count), value| (sum + value, count + 1));
+    (count > 0).then(|| sum / count as f64)
 }
 
 /// Number of places where a sequence of actions goes left–right–left–right or the reverse.

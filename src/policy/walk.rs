@@ -45,6 +45,10 @@ impl Walk {
             _ => turn,
         };
         let weights = Action::ALL.map(weight);
+        if weights.iter().all(|&weight| weight == 0.0) {
+            // A blocked turn beside a wall forbids everything: then any turn is better than none.
+            return Action::TurnLeft;
+        }
         let mut left = self.rng.random_range(0.0..weights.iter().sum());
         for (action, weight) in Action::ALL.into_iter().zip(weights) {
             if left < weight {

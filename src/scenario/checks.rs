@@ -3,7 +3,7 @@
 use nalgebra::Point2;
 
 use super::keys::Reader;
-use super::plan::{Plan, PlanFault};
+use super::plan::{Plan, PlanFault, clearance};
 use super::sections::Scenario;
 
 /// Report what does not fit together.
@@ -11,18 +11,29 @@ pub(super) fn check(s: &Scenario, reader: &mut Reader<'_>) {
     counts(s, reader);
     tasks(s, reader);
     if s.world.walls.is_empty() {
-        reader.fault_at("world.wall", "is missing: a world needs at least one [[world.wall]]".into());
+        if reader.sound(&["world"]) {
+            reader.fault_at("world.wall", "is missing: a world needs at least one [[world.wall]]".into());
+        }
+        return;
+    }
+    if !reader.sound(&["world.wall"]) {
         return;
     }
     match Plan::new(s) {
-        Ok(plan) => goals(s, &plan, reader),
-        Err(fault) => place(s, &fault, reader),
+        Ok(plan) if reader.sound(&["robot.start", "robot.radius"]) => goals(s, &plan, reader),
+        Ok(_) => {}
+        Err(fault) => {
+            if reader.sound(&["robot.start", "robot.radius"]) {
+                place(s, &fault, reader);
+            }
+            goals_alone(s, reader);
+        }
     }
 }
 
 fn counts(s: &Scenario, reader: &mut Reader<'_>) {
     let visible = s.camera.height.saturating_sub(s.vision.cut_rows);
-    if visible < s.vision.height {
+    if visible < s.vision.height && reader.sound(&["vision", "camera.height"]) {
         let text = format!(
             "= {} leaves {visible} of {} lines, less than the {} lines of an observation: it must be in [0, {}]",
             s.vision.cut_rows,
@@ -32,23 +43,25 @@ fn counts(s: &Scenario, reader: &mut Reader<'_>) {
         );
         reader.fault_at("vision.cut_rows", text);
     }
-    if s.vision.width > s.camera.width {
+    if s.vision.width > s.camera.width && reader.sound(&["vision.width", "camera.width"]) {
         let text = format!("= {} is more than camera.width: it must be in [1, {}]", s.vision.width, s.camera.width);
         reader.fault_at("vision.width", text);
     }
     let (k, budget) = (s.slow.features, s.dictionary.budget);
-    if k > budget {
+    if k > budget && reader.sound(&["slow.features", "dictionary.budget"]) {
         let text = format!("= {k} is more than dictionary.budget: it must be in [1, {budget}]");
         reader.fault_at("slow.features", text);
     }
-    if s.dictionary.retained_frames < s.dictionary.block_frames {
+    let frames = ["dictionary.retained_frames", "dictionary.block_frames"];
+    if s.dictionary.retained_frames < s.dictionary.block_frames && reader.sound(&frames) {
         let text = format!(
             "= {} is less than dictionary.block_frames: it must be at least {}",
             s.dictionary.retained_frames, s.dictionary.block_frames
         );
         reader.fault_at("dictionary.retained_frames", text);
     }
-    if s.agent.latency_frames >= s.agent.resolve_frames {
+    let frames = ["agent.latency_frames", "agent.resolve_frames"];
+    if s.agent.latency_frames >= s.agent.resolve_frames && reader.sound(&frames) {
         let text = format!(
             "= {} is not less than agent.resolve_frames: it must be in [0, {}], so that a model takes effect before the \
              next one is asked for",
@@ -60,7 +73,7 @@ fn counts(s: &Scenario, reader: &mut Reader<'_>) {
 }
 
 fn tasks(s: &Scenario, reader: &mut Reader<'_>) {
-    if s.tasks.is_empty() {
+    if s.tasks.is_empty() && reader.sound(&["task"]) {
         reader.fault_at("task", "is missing: at least one [[task]] is needed".into());
     }
     for (index, task) in s.tasks.iter().enumerate() {
@@ -97,6 +110,9 @@ fn place(s: &Scenario, fault: &PlanFault, reader: &mut Reader<'_>) {
 
 fn goals(s: &Scenario, plan: &Plan, reader: &mut Reader<'_>) {
     for (index, task) in s.tasks.iter().enumerate() {
+        if !reader.sound(&[&format!("task.{index}.goal"), &format!("task.{index}.radius")]) {
+            continue;
+        }
         let goal = Point2::from(task.goal);
         if !plan.reaches_circle(goal, task.radius) {
             let (low, high) = plan.reachable_box();
@@ -106,6 +122,25 @@ fn goals(s: &Scenario, plan: &Plan, reader: &mut Reader<'_>) {
                 task.goal, task.radius, low.x, high.x, low.y, high.y
             );
             reader.fault_at(&format!("task.{index}.goal"), text);
+        } else if !plan.leaves_circle(goal, task.radius) {
+            let text =
+                format!("= {} m covers every place that the robot can reach: no start is left outside", task.radius);
+            reader.fault_at(&format!("task.{index}.radius"), text);
+        }
+    }
+}
+
+/// Goals in walls can be told without knowing what the robot reaches.
+fn goals_alone(s: &Scenario, reader: &mut Reader<'_>) {
+    for (index, task) in s.tasks.iter().enumerate() {
+        let keys = [&format!("task.{index}.goal"), &format!("task.{index}.radius"), "robot.radius"];
+        let clearance = clearance(&s.world.walls, Point2::from(task.goal));
+        if clearance + task.radius < s.robot.radius && reader.sound(&keys) {
+            let text = format!(
+                "= {:?} with radius {} m is in a wall: every place in it is closer to a wall than robot.radius = {} m",
+                task.goal, task.radius, s.robot.radius
+            );
+            reader.fault_at(keys[0], text);
         }
     }
 }

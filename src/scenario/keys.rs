@@ -87,7 +87,7 @@ impl<'t> Reader<'t> {
                 faults.push(Fault {
                     line: None,
                     key: set.clone(),
-                    text: "--set needs KEY=VALUE, such as dictionary.nu=0.01".into(),
+                    text: "is not KEY=VALUE, such as dictionary.nu=0.01".into(),
                 });
                 continue;
             };
@@ -117,7 +117,7 @@ impl<'t> Reader<'t> {
                 DeValue::Array(list) => list.len(),
                 other => {
                     let line = Some(line_of(self.text, value.span().start));
-                    let text = format!("is a {}: allowed is a list of sections, [[{path}]]", other.type_str());
+                    let text = format!("is of type {}: allowed is a list of sections, [[{path}]]", other.type_str());
                     self.faults.push(Fault { line, key: path.into(), text });
                     0
                 }
@@ -139,6 +139,14 @@ impl<'t> Reader<'t> {
         result
     }
 
+    /// Whether none of some keys, nor anything below them, has a fault: only then can their values be compared.
+    pub fn sound(&self, keys: &[&str]) -> bool {
+        let concerns = |fault: &Fault, key: &str| {
+            fault.key.strip_prefix(key).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
+        };
+        !self.faults.iter().any(|fault| keys.iter().any(|key| concerns(fault, key)))
+    }
+
     /// Report a fault that was found later at a key that was read.
     pub fn fault_at(&mut self, key: &str, text: String) {
         let line = self.lines.get(key).copied().flatten();
@@ -148,8 +156,9 @@ impl<'t> Reader<'t> {
     /// All faults in the order of their lines, and the complete file.
     pub fn finish(mut self) -> (Vec<Fault>, String) {
         for (key, set) in &self.overrides {
-            if !set.used {
-                self.faults.push(Fault { line: None, key: key.clone(), text: "unknown key in --set".into() });
+            // Before anything was read, nothing can be said of overrides.
+            if !set.used && !self.written.is_empty() {
+                self.faults.push(Fault { line: None, key: key.clone(), text: "in --set is not a key".into() });
             }
         }
         self.faults.sort_by_key(|fault| fault.line.unwrap_or(usize::MAX));
@@ -177,7 +186,7 @@ impl<'t> Section<'_, 't> {
             Found::Nothing => default,
             Found::Value(value, line) => match as_number(&value) {
                 Some(number) if range.holds(number) => number,
-                Some(number) => self.refuse(key, line, &number.to_string(), &range.to_string(), default),
+                Some(number) => self.refuse(key, line, &number.to_string(), &format!("in {range}"), default),
                 None => self.refuse(key, line, &shown(&value), &format!("a number in {range}"), default),
             },
         };
@@ -364,7 +373,7 @@ impl<'t> Section<'_, 't> {
         let Some(table) = table else {
             if let Some(value) = find(self.reader.root.get_ref(), &self.path) {
                 let line = Some(line_of(self.reader.text, value.span().start));
-                let text = format!("is a {}: it must be a section", value.get_ref().type_str());
+                let text = format!("is of type {}: it must be a section", value.get_ref().type_str());
                 self.reader.faults.push(Fault { line, key: self.path.clone(), text });
             }
             return;
@@ -384,7 +393,7 @@ impl<'t> Section<'_, 't> {
             faults.push(Fault {
                 line: Some(line_of(self.reader.text, key.span().start)),
                 key: self.name(name),
-                text: format!("unknown key{hint}"),
+                text: format!("is not a key of this section{hint}"),
             });
         }
         self.reader.faults.extend(faults);

@@ -10,7 +10,7 @@ mod plan;
 mod sections;
 
 pub use keys::Fault;
-pub use plan::{Plan, segments_of as plan_segments};
+pub use plan::{Plan, PlanFault, segments_of as plan_segments};
 pub use sections::*;
 
 use std::path::{Path, PathBuf};
@@ -71,10 +71,13 @@ impl Scenario {
         let base = path.parent().unwrap_or(Path::new("")).to_owned();
         let stem = path.file_stem().map_or("scenario".to_owned(), |stem| stem.to_string_lossy().into_owned());
         let mut reader = keys::Reader::new(text, sets);
-        let mut scenario = Scenario::read(&mut reader, &base, &stem);
-        if reader.faults.is_empty() {
-            checks::check(&scenario, &mut reader);
+        if !reader.faults.is_empty() {
+            // What a broken text holds cannot be told: faults of its values would be inventions.
+            let (faults, _) = reader.finish();
+            return Err(ScenarioError::Invalid { path: path.to_owned(), faults });
         }
+        let mut scenario = Scenario::read(&mut reader, &base, &stem);
+        checks::check(&scenario, &mut reader);
         let (faults, written) = reader.finish();
         if !faults.is_empty() {
             return Err(ScenarioError::Invalid { path: path.to_owned(), faults });

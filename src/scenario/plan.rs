@@ -6,9 +6,6 @@ use nalgebra::{Point2, Vector2};
 
 use super::sections::{Scenario, Wall};
 
-/// Side of the cells on which reachability is decided, metres.
-const CELL: f64 = 0.05;
-
 /// More cells than this are refused: the room is too large for its resolution.
 const MOST_CELLS: usize = 4_000_000;
 
@@ -35,6 +32,9 @@ pub enum PlanFault {
 }
 
 impl Plan {
+    /// Side of the cells on which reachability is decided, metres.
+    pub const CELL: f64 = 0.05;
+
     /// The plan of a scenario, with everything reachable from the robot's start.
     ///
     /// # Errors
@@ -44,9 +44,9 @@ impl Plan {
         let points = segments.iter().flat_map(|(a, b)| [a, b]);
         let start = Point2::from(scenario.robot.start);
         let (low, high) = points.fold((start, start), |(low, high), p| (low.inf(p), high.sup(p)));
-        let margin = Vector2::repeat(2.0 * CELL);
+        let margin = Vector2::repeat(2.0 * Self::CELL);
         let (low, high) = (low - margin, high + margin);
-        let size = [0, 1].map(|axis| ((high[axis] - low[axis]) / CELL).ceil() as usize + 1);
+        let size = [0, 1].map(|axis| ((high[axis] - low[axis]) / Self::CELL).ceil() as usize + 1);
         if size[0].saturating_mul(size[1]) > MOST_CELLS {
             return Err(PlanFault::TooLarge(high.x - low.x, high.y - low.y));
         }
@@ -62,7 +62,7 @@ impl Plan {
 
     /// Distance from a point to the nearest wall, metres; infinite without walls.
     pub fn clearance(&self, point: Point2<f64>) -> f64 {
-        self.segments.iter().map(|&(a, b)| distance_to_segment(point, a, b)).fold(f64::INFINITY, f64::min)
+        nearest(&self.segments, point)
     }
 
     /// Whether the robot's centre can be at a point.
@@ -70,27 +70,28 @@ impl Plan {
         self.cell_of(point).is_some_and(|cell| self.reachable[cell]) && self.clearance(point) >= self.radius
     }
 
+    /// Centres of the cells that the robot's centre can be in, in a fixed order; their side is [`Plan::CELL`].
+    pub fn reachable_cells(&self) -> impl Iterator<Item = Point2<f64>> + '_ {
+        (0..self.reachable.len()).filter(|&cell| self.reachable[cell]).map(|cell| self.centre(cell))
+    }
+
     /// Corners of the box around all reachable places.
     pub fn reachable_box(&self) -> (Point2<f64>, Point2<f64>) {
-        let cells = (0..self.reachable.len()).filter(|&cell| self.reachable[cell]).map(|cell| self.centre(cell));
+        let cells = self.reachable_cells();
         let empty = (Point2::from([f64::INFINITY; 2]), Point2::from([f64::NEG_INFINITY; 2]));
         let (low, high) = cells.fold(empty, |(low, high), p| (low.inf(&p), high.sup(&p)));
-        let half = Vector2::repeat(0.5 * CELL);
+        let half = Vector2::repeat(0.5 * Self::CELL);
         (low - half, high + half)
     }
 
     /// Whether the robot can reach some place within a circle.
     pub fn reaches_circle(&self, centre: Point2<f64>, radius: f64) -> bool {
-        self.is_reachable(centre)
-            || (0..self.reachable.len())
-                .any(|cell| self.reachable[cell] && (self.centre(cell) - centre).norm() <= radius)
+        self.is_reachable(centre) || self.reachable_cells().any(|cell| (cell - centre).norm() <= radius)
     }
 
-    /// Corners of the box around all walls.
-    pub fn walls_box(&self) -> (Point2<f64>, Point2<f64>) {
-        let margin = Vector2::repeat(2.0 * CELL);
-        let extent = Vector2::new(self.size[0] as f64 - 1.0, self.size[1] as f64 - 1.0) * CELL;
-        (self.low + margin, self.low + extent - margin)
+    /// Whether the robot can reach some place outside a circle, with room around it to draw places from.
+    pub fn leaves_circle(&self, centre: Point2<f64>, radius: f64) -> bool {
+        self.reachable_cells().any(|cell| (cell - centre).norm() > radius && self.clearance(cell) >= self.radius)
     }
 
     fn flood(&mut self, start: Point2<f64>) -> Result<(), PlanFault> {
@@ -114,14 +115,14 @@ impl Plan {
     }
 
     fn cell_of(&self, point: Point2<f64>) -> Option<usize> {
-        let [x, y] = [0, 1].map(|axis| ((point[axis] - self.low[axis]) / CELL).floor());
+        let [x, y] = [0, 1].map(|axis| ((point[axis] - self.low[axis]) / Self::CELL).floor());
         let inside = x >= 0.0 && y >= 0.0 && (x as usize) < self.size[0] && (y as usize) < self.size[1];
         inside.then(|| y as usize * self.size[0] + x as usize)
     }
 
     fn centre(&self, cell: usize) -> Point2<f64> {
         let (column, row) = (cell % self.size[0], cell / self.size[0]);
-        self.low + Vector2::new(column as f64 + 0.5, row as f64 + 0.5) * CELL
+        self.low + Vector2::new(column as f64 + 0.5, row as f64 + 0.5) * Self::CELL
     }
 }
 
@@ -135,6 +136,15 @@ pub fn segments_of(wall: &Wall) -> Vec<(Point2<f64>, Point2<f64>)> {
         segments.push((last, first));
     }
     segments
+}
+
+/// Distance from a point to the nearest of some walls, metres.
+pub fn clearance(walls: &[Wall], point: Point2<f64>) -> f64 {
+    nearest(&walls.iter().flat_map(segments_of).collect::<Vec<_>>(), point)
+}
+
+fn nearest(segments: &[(Point2<f64>, Point2<f64>)], point: Point2<f64>) -> f64 {
+    segments.iter().map(|&(a, b)| distance_to_segment(point, a, b)).fold(f64::INFINITY, f64::min)
 }
 
 fn distance_to_segment(point: Point2<f64>, a: Point2<f64>, b: Point2<f64>) -> f64 {

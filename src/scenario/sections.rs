@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::keys::{Range, Reader, Section};
-use crate::log::Compression;
+use crate::log::{Compression, MAX_CHUNK_TARGET_BYTES};
 
 /// A checked scenario.
 #[derive(Debug, Clone, PartialEq)]
@@ -382,6 +382,9 @@ impl Scenario {
     }
 }
 
+/// Scales of walls and floors, metres.
+const METRES: Range = Range::within(0.01, 1000.0);
+
 struct Defaults {
     pattern: usize,
     scale: f64,
@@ -389,17 +392,27 @@ struct Defaults {
     hue_spread: f64,
     contrast: f64,
     seed: usize,
+    /// Allowed scales: finer ones would alias in any image, and repeat too often.
+    range: Range,
 }
 
 impl Defaults {
-    const FLOOR: Defaults = Defaults { pattern: 1, scale: 0.6, hue: 40.0, hue_spread: 20.0, contrast: 0.3, seed: 1001 };
-    const SURROUNDINGS: Defaults =
-        Defaults { pattern: 1, scale: 40.0, hue: 210.0, hue_spread: 60.0, contrast: 0.5, seed: 1002 };
+    const FLOOR: Defaults =
+        Defaults { pattern: 1, scale: 0.6, hue: 40.0, hue_spread: 20.0, contrast: 0.3, seed: 1001, range: METRES };
+    const SURROUNDINGS: Defaults = Defaults {
+        pattern: 1,
+        scale: 40.0,
+        hue: 210.0,
+        hue_spread: 60.0,
+        contrast: 0.5,
+        seed: 1002,
+        range: Range::within(1.0, 360.0),
+    };
 
     /// Walls differ in hue and pattern unless the file says otherwise.
     fn wall(index: usize) -> Defaults {
         let hue = (index as f64 * 97.0) % 360.0;
-        Defaults { pattern: 2, scale: 0.45, hue, hue_spread: 60.0, contrast: 0.6, seed: index + 1 }
+        Defaults { pattern: 2, scale: 0.45, hue, hue_spread: 60.0, contrast: 0.6, seed: index + 1, range: METRES }
     }
 }
 
@@ -424,7 +437,7 @@ impl Texture {
                 "scale",
                 d.scale,
                 "m (surroundings: degrees)",
-                Range::above(0.0, 1000.0),
+                d.range,
                 "size of the pattern's elements, or height of one image",
             ),
             hue: s.number("hue", d.hue, "degrees", Range::within(0.0, 360.0), "base colour"),
@@ -696,7 +709,14 @@ impl Log {
                 &[("zstd", Compression::Zstd), ("lz4", Compression::Lz4), ("none", Compression::None)],
                 "of chunks",
             ),
-            chunk_bytes: s.count("chunk_bytes", 262_144, "bytes", 1024, 1 << 30, "size of a chunk before compression"),
+            chunk_bytes: s.count(
+                "chunk_bytes",
+                262_144,
+                "bytes",
+                1024,
+                MAX_CHUNK_TARGET_BYTES as usize,
+                "size of a chunk before compression",
+            ),
             flush_seconds: s.number("flush_seconds", 1.0, "s", Range::above(0.0, 1.0), "longest time in memory only"),
         }
     }

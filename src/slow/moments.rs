@@ -56,7 +56,7 @@ impl Moments {
     /// Add a block of frames.
     ///
     /// # Shapes
-    /// `v: m × b`, the coordinates of the frames; `rates: m × l`, the derivatives `√g·v̇` ([`rates`]) of those that have one;
+    /// `v: m × b`, the coordinates of the frames; `rates: m × l`, the derivatives `√g·v̇`  of those that have one;
     /// `weight`: the sum of the `g` of these.
     ///
     /// # Panics

@@ -6,7 +6,7 @@
 
 use std::collections::VecDeque;
 
-use faer::{Mat, MatRef, Par};
+use faer::{Mat, MatRef};
 
 use super::moments::{Link, Moments, rates};
 use crate::dictionary::{Block, Dictionary, DictionaryError, Parameters};
@@ -163,19 +163,5 @@ impl<T: Scalar> SlowStream<T> {
             self.settle();
             kept -= self.retained.pop_front().map_or(0, |chunk| chunk.v.ncols());
         }
-    }
-
-    /// Bytes held by the dictionary, the moments and the retained frames at their present size.
-    pub fn bytes(&self) -> usize {
-        let m = self.dictionary.len();
-        let value = size_of::<T>();
-        let frames: usize =
-            self.retained.iter().map(|chunk| chunk.v.ncols() * (8 * chunk.v.nrows() + value * chunk.x.nrows())).sum();
-        frames + 3 * 8 * m * m + value * m * self.dictionary.members().nrows()
-    }
-
-    /// Threads used for products.
-    pub fn par(&self) -> Par {
-        self.options.dictionary.par
     }
 }

@@ -26,12 +26,15 @@ pub struct Transition<S> {
     pub cell: usize,
 }
 
+/// A transition with its arrival number.
+type Arrived<S> = (u64, Transition<S>);
+
 /// A bounded window over a stream of transitions.
 #[derive(Debug, Clone)]
 pub struct Window<S> {
     capacity: usize,
     /// Transitions of each (cell, action) in the order of their arrival, each with its arrival number.
-    groups: BTreeMap<(usize, usize), VecDeque<(u64, Transition<S>)>>,
+    groups: BTreeMap<(usize, usize), VecDeque<Arrived<S>>>,
     len: usize,
     arrivals: u64,
 }
@@ -77,7 +80,7 @@ impl<S: Clone> Window<S> {
 
     /// All transitions in the order of their arrival.
     pub fn snapshot(&self) -> Vec<Transition<S>> {
-        let mut entries: Vec<&(u64, Transition<S>)> = self.groups.values().flatten().collect();
+        let mut entries: Vec<&Arrived<S>> = self.groups.values().flatten().collect();
         entries.sort_by_key(|entry| entry.0);
         entries.into_iter().map(|(_, transition)| transition.clone()).collect()
     }
