@@ -238,8 +238,8 @@ fn tabular_features_reproduce_exact_policy_iteration() {
         let fit = expected(&process, one_hot(states), |_, _| 1.0).fit(&options);
         assert!(fit.converged, "mixing {mixing}");
         for (s, found) in q_values(&fit, one_hot(states), states).iter().enumerate() {
-            for a in 0..2 {
-                assert!((found[a] - q(&values, s, a)).abs() < 1e-7, "mixing {mixing}, Q({s}, {a})");
+            for (a, found) in found.iter().enumerate() {
+                assert!((found - q(&values, s, a)).abs() < 1e-7, "mixing {mixing}, Q({s}, {a})");
             }
         }
     }
@@ -363,11 +363,11 @@ fn actions_that_may_not_follow_do_not_count() {
     let q = q_values(&fit, one_hot(places), places);
     // The reward comes once in a round: from a place that is t turns away it is worth γᵗ/(1 − γ⁸).
     let round = 1.0 / (1.0 - 0.9f64.powi(places as i32));
-    for s in 0..places {
+    for (s, found) in q.iter().enumerate() {
         let to_left = s as i32;
         let to_right = (places as i32 - to_left) % places as i32;
-        assert!((q[s][LEFT] - 0.9f64.powi(to_left) * round).abs() < 1e-9, "Q({s}, L) = {}", q[s][LEFT]);
-        assert!((q[s][RIGHT] - 0.9f64.powi(to_right) * round).abs() < 1e-9, "Q({s}, R) = {}", q[s][RIGHT]);
+        assert!((found[LEFT] - 0.9f64.powi(to_left) * round).abs() < 1e-9, "Q({s}, L) = {}", found[LEFT]);
+        assert!((found[RIGHT] - 0.9f64.powi(to_right) * round).abs() < 1e-9, "Q({s}, R) = {}", found[RIGHT]);
     }
     let nothing = vec![0; samples.actions.len()];
     let outcomes = Outcomes { allowed: Some(&nothing), ..outcomes };

@@ -10,7 +10,7 @@ use super::{Ending, RunArgs, folder, print, print_json, progress};
 use crate::agent::{self, CHECKPOINT_NAME, Outcome, RunOptions, Status};
 use crate::evaluate::{Evaluator, decode_pose};
 use crate::log::{LogOptions, LogWriter};
-use crate::report::{Program, Report, table};
+use crate::report::{OVERVIEW_NAME, Program, Report, overview, table};
 use crate::scenario::{Scenario, ScenarioError};
 use crate::source::Simulated;
 use crate::world::World;
@@ -52,7 +52,8 @@ fn in_folder(scenario: &Arc<Scenario>, run: &Path, args: &RunArgs, stop: &Atomic
         chunk_bytes: scenario.log.chunk_bytes as u64,
         flush_interval: Duration::from_secs_f64(scenario.log.flush_seconds),
     };
-    let log = LogWriter::create(&run.join("run_000.mcap"), &options, &metadata(scenario)).map_err(|e| text(&e))?;
+    let log_path = run.join("run_000.mcap");
+    let log = LogWriter::create(&log_path, &options, &metadata(scenario)).map_err(|e| text(&e))?;
     let world = Arc::new(World::new(scenario).map_err(|e| text(&e))?);
     let starts = scenario.evaluate.starts;
     let evaluator = Evaluator::new(scenario.clone(), world.clone(), starts, scenario.seed);
@@ -80,6 +81,11 @@ fn in_folder(scenario: &Arc<Scenario>, run: &Path, args: &RunArgs, stop: &Atomic
     let report = Report::new(scenario, &outcome, tasks, pose);
     let json = serde_json::to_string_pretty(&report).map_err(|e| text(&e))?;
     write("report.json", json.as_bytes())?;
+    // The picture shows what is kept elsewhere already: a run does not fail for it.
+    let drawn = overview(scenario, &world, outcome.learned.as_deref(), &report, &log_path).map_err(|e| text(&e));
+    if let Err(reason) = drawn.and_then(|picture| write(OVERVIEW_NAME, picture.as_bytes())) {
+        eprintln!("warning: there is no {OVERVIEW_NAME}: {reason}");
+    }
     Ok(report)
 }
 

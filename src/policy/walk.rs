@@ -88,11 +88,11 @@ mod tests {
     fn shares(sonar: &[f64], recent: Recent) -> [f64; 3] {
         let reflexes = Reflexes { no_repeat_blocked: true, no_undo_turn: true };
         let mut walk = walk();
-        let mut counts = [0.0; 3];
+        let mut counts = [0u32; 3];
         for _ in 0..4000 {
-            counts[walk.choose(sonar, reflexes, recent).index()] += 1.0 / 4000.0;
+            counts[walk.choose(sonar, reflexes, recent).index()] += 1;
         }
-        counts
+        counts.map(|count| f64::from(count) / 4000.0)
     }
 
     #[test]

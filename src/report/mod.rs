@@ -1,7 +1,10 @@
-//! What a run came to: `report.json` for scripts, a table for people.
+//! What a run came to: `report.json` for scripts, a table and a picture for people.
 
+mod picture;
+mod room;
 mod table;
 
+pub use picture::{OVERVIEW_NAME, PictureError, overview};
 pub use table::{Numbered, table, tasks_table};
 
 use serde::Serialize;

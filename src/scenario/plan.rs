@@ -94,6 +94,13 @@ impl Plan {
         self.reachable_cells().any(|cell| (cell - centre).norm() > radius && self.clearance(cell) >= self.radius)
     }
 
+    /// Corners of the box around all walls and the robot's start.
+    pub fn walls_box(&self) -> (Point2<f64>, Point2<f64>) {
+        let margin = Vector2::repeat(2.0 * Self::CELL);
+        let extent = Vector2::new(self.size[0] as f64 - 1.0, self.size[1] as f64 - 1.0) * Self::CELL;
+        (self.low + margin, self.low + extent - margin)
+    }
+
     fn flood(&mut self, start: Point2<f64>) -> Result<(), PlanFault> {
         // The start itself may lie between cell centres that are too close to a wall.
         let Some(first) = self.cell_of(start) else { return Err(PlanFault::Open) };

@@ -86,6 +86,11 @@ impl Camera {
         })
     }
 
+    /// Mean RGB colour of each wall's surface, in the order of the scenario.
+    pub fn wall_colours(&self) -> Vec<[u8; 3]> {
+        self.walls.iter().map(|(_, texture)| texture.mean()).collect()
+    }
+
     /// The image from a pose, without sensor errors.
     pub fn render(&self, pose: &Pose) -> Image {
         let (width, height) = (self.settings.width, self.settings.height);

@@ -45,6 +45,12 @@ impl TextureMap {
         Ok(map)
     }
 
+    /// Mean colour.
+    pub fn mean(&self) -> [u8; 3] {
+        let sum = self.texels.iter().fold([0u64; 3], |sum, texel| [0, 1, 2].map(|c| sum[c] + u64::from(texel[c])));
+        sum.map(|sum| (sum / self.texels.len() as u64) as u8)
+    }
+
     /// Texel column of a coordinate along the surface.
     pub fn column(&self, along: f64) -> usize {
         repeat(along * self.density[0], self.width)
