@@ -37,5 +37,5 @@ fn a_run_leaves_a_picture_that_stands_alone_and_shows_its_numbers() {
             (image.width(), image.height())
         })
         .collect();
-    assert_eq!(sizes, [(320, 240), (32, 16)], "camera image and observation");
+    assert_eq!(sizes, [(320, 240), (320, 160)], "camera image, and observation ten times enlarged");
 }

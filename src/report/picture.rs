@@ -330,12 +330,21 @@ fn images(scenario: &Scenario, world: &World, pose: &Pose) -> Result<String, Pic
     let observation = observe(&frame, &scenario.vision, 0);
     let vision = &scenario.vision;
     let first = element("the camera image", (frame.width, frame.height), &frame.rgb, FRAME_TOP, FRAME_HEIGHT)?;
-    let size = (vision.width, vision.height);
-    let second = element("the observation", size, &observation.pixels, OBSERVATION_TOP, OBSERVATION_HEIGHT)?;
+    // Enlarged here: many viewers smooth small images whatever the file asks for.
+    let times = (frame.width / vision.width).max(1);
+    let size = (times * vision.width, times * vision.height);
+    let pixels = enlarged(&observation.pixels, vision.width, times);
+    let second = element("the observation", size, &pixels, OBSERVATION_TOP, OBSERVATION_HEIGHT)?;
     Ok(first + &second)
 }
 
-/// An image as large as fits, with sharp pixels. Viewers that do not know `pixelated` know the older `optimizeSpeed`.
+/// An RGB image with every pixel repeated `times` × `times`.
+fn enlarged(rgb: &[u8], width: usize, times: usize) -> Vec<u8> {
+    let wide = |row: &[u8]| -> Vec<u8> { row.chunks_exact(3).flat_map(|pixel| pixel.repeat(times)).collect() };
+    rgb.chunks_exact(3 * width).flat_map(|row| wide(row).repeat(times)).collect()
+}
+
+/// An image as large as fits.
 fn element(
     what: &'static str,
     (width, height): (usize, usize),
@@ -350,7 +359,7 @@ fn element(
     let data = STANDARD.encode(png.into_inner());
     Ok(format!(
         "<image x=\"{SEEN_LEFT}\" y=\"{top}\" width=\"{SEEN_WIDTH}\" height=\"{tallest}\" \
-         preserveAspectRatio=\"xMinYMin meet\" image-rendering=\"optimizeSpeed\" style=\"image-rendering: pixelated\" \
+         preserveAspectRatio=\"xMinYMin meet\" \
          href=\"data:image/png;base64,{data}\"/>\n"
     ))
 }
