@@ -222,6 +222,18 @@ fn forgotten_frames_count_as_zero_in_later_coordinates_only() {
 }
 
 #[test]
+fn an_empty_block_changes_nothing() {
+    let x = random_path(3, 40, 8);
+    let links = series_links(40, 1.0);
+    let mut stream = streamed(&x, &links, &[20], options(0.4, 0.01, 4));
+    let before = stream.settled_moments().covariance();
+    stream.push(x.as_ref().subcols(0, 0), &[]).unwrap();
+    stream.push(x.as_ref().subcols(0, 1), &[None]).unwrap();
+    assert_eq!(stream.frames(), 41);
+    assert_eq!(stream.settled_moments().size(), before.nrows());
+}
+
+#[test]
 fn fading_moments_weigh_frames_by_their_age() {
     let x = random_path(3, 60, 4);
     let links = series_links(60, 1.0);

@@ -100,11 +100,6 @@ impl Kernel {
         }
     }
 
-    /// `k(x, x)`, which is 1 for every radial kernel.
-    pub fn diagonal(&self) -> f64 {
-        1.0
-    }
-
     /// Kernel values between two sets of observations.
     ///
     /// # Shapes

@@ -85,9 +85,15 @@ impl<T: Scalar> SlowStream<T> {
     ///
     /// # Errors
     /// Those of [`Dictionary::observe`]; nothing is changed then.
+    ///
+    /// # Panics
+    /// If there is not one link for each frame.
     pub fn push(&mut self, x: MatRef<'_, T>, links: &[Option<Link>]) -> Result<Block, DictionaryError> {
         assert_eq!(x.ncols(), links.len());
         let block = self.dictionary.observe(x)?;
+        if x.ncols() == 0 {
+            return Ok(block);
+        }
         let mut links = links.to_vec();
         if self.retained.is_empty()
             && let Some(first) = links.first_mut()
