@@ -31,7 +31,7 @@ struct Sizes {
 /// Bytes of all matrices of learning at full size, with m = budget, d = values of an observation, r = retained frames,
 /// k = features, N = window: dictionary `8m² + 4md` and moments `16m²`, twice while a request is on its way; retained frames
 /// `r(8m + 4d)`; the solver's `48m²`; the window `N(d + 24k)` and policy iteration `72k²`. The process holds more than that:
-/// images, queues, and what the allocator keeps (in the lab about twice as much).
+/// images, queues, copies on the way, and what the allocator keeps (the lab peaks at two and a half times this).
 fn memory_bytes(s: &Scenario) -> u64 {
     let m = s.dictionary.budget as u64;
     let d = 3 * (s.vision.width * s.vision.height) as u64;

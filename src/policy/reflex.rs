@@ -33,7 +33,8 @@ impl Reflexes {
         Reflexes { no_repeat_blocked: settings.no_repeat_blocked, no_undo_turn: settings.no_undo_turn }
     }
 
-    /// Whether an action may follow what the robot did last. At most one of three actions is ever forbidden.
+    /// Whether an action may follow what the robot did last. A turn is never
+    /// blocked in simulation, so one action is forbidden at most; after a blocked turn only *forward* is left.
     pub fn allow(&self, action: Action, recent: Recent) -> bool {
         let repeats = self.no_repeat_blocked && recent.blocked && recent.action == Some(action);
         let undoes = self.no_undo_turn && recent.action.is_some() && action.opposite() == recent.action;

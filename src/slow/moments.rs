@@ -149,6 +149,7 @@ pub(super) fn rates(v: MatRef<'_, f64>, links: &[Option<Link>], before: Option<M
     let mut rates = Mat::<f64>::zeros(v.nrows(), linked.len());
     for (column, &(t, link)) in linked.iter().enumerate() {
         let scale = link.weight.sqrt() / link.dt;
+        // The stream takes the link from a first frame that has nothing before it, so the panic is out of its reach.
         let earlier = match (t, before) {
             (0, Some(before)) => before.col(0),
             (0, None) => panic!("the first frame of a block has a link, but no frame stands before it"),
