@@ -66,8 +66,8 @@
 //!     stream.push(x.as_ref().subcols(start, 100), &[link; 100])?;
 //! }
 //!
-//! let features = solve(stream.settled_moments(), 1, 1e-9, None)?;
-//! let phi = SlowModel::new(stream.dictionary(), &features).apply(x.as_ref(), Par::Seq);
+//! let features = solve(stream.settled_moments()?, 1, 1e-9, None)?;
+//! let phi = SlowModel::new(stream.dictionary(), &features)?.apply(x.as_ref(), Par::Seq)?;
 //! // The slowest feature is sin t, which neither channel shows.
 //! let product: f64 = (0..n).map(|i| phi[(1, i)] * t(i).sin()).sum::<f64>() / n as f64;
 //! let correlation = product.abs() / 0.5f64.sqrt();

@@ -36,7 +36,7 @@ fn features_have_mean_0_variance_1_no_correlation_and_ascending_slowness() {
     let n = observations.len();
     assert_eq!(n as u64, learned.frames, "the last model knows all frames");
 
-    let phi = learned.model.apply(columns(observations.iter()).as_ref(), Par::Seq);
+    let phi = learned.features(columns(observations.iter()).as_ref(), Par::Seq);
     let k = phi.nrows() - 1;
     assert_eq!(k, 60);
     let product = |i: usize, j: usize| (0..n).map(|t| phi[(i, t)] * phi[(j, t)]).sum::<f64>() / n as f64;

@@ -144,9 +144,6 @@ pub fn read_checkpoint(bytes: &[u8], path: &Path) -> Result<(Learned, Scenario),
     let (members, projection) = (read_matrix("members")?, read_matrix("projection")?);
     let (offset, slowness) = (read("offset")?.1, read("slowness")?.1);
     let k = offset.len();
-    if projection.nrows() != members.ncols() || projection.ncols() != k || slowness.len() != k {
-        return Err(damaged("the shapes of its tensors do not fit each other"));
-    }
     let mut weights = Vec::new();
     for task in 0..scenario.tasks.len() {
         let of_task = read_matrix(&format!("weights.{task}"))?;
@@ -161,7 +158,7 @@ pub fn read_checkpoint(bytes: &[u8], path: &Path) -> Result<(Learned, Scenario),
         return Err(damaged(format!("its support vectors have {found} values, observations have {values}")));
     }
     let members = Mat::from_fn(members.nrows(), members.ncols(), |i, j| members[(i, j)] as f32);
-    let model = SlowModel::from_parts(kernel, members, projection, offset, slowness);
+    let model = SlowModel::from_parts(kernel, members, projection, offset, slowness).map_err(damaged)?;
     let epoch = u32::try_from(number("epoch")?).map_err(damaged)?;
     let learned = Learned { epoch, asked_at: number("asked_at")?, frames: number("frames")?, model, weights };
     if learned.digest() != *entry("digest")? {

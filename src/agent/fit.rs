@@ -11,7 +11,7 @@ use faer::{Mat, Par};
 use super::messages::{FitRequest, Update};
 use crate::policy::{Learned, Recent, Reflexes, columns};
 use crate::scenario::Scenario;
-use crate::slow::SlowModel;
+use crate::slow::{SlowError, SlowModel};
 use crate::value::{Fit, Lspi, LspiOptions, Outcomes, Samples, Transition, ValueError, balance};
 use crate::vision::Observation;
 use crate::world::Action;
@@ -36,7 +36,8 @@ impl FitPolicies {
     pub fn step(&mut self, request: FitRequest) -> Update {
         let transitions = request.window.len();
         let fitted = request.model.and_then(|model| {
-            let fits = self.fit(&model, &request.window).map_err(|error| error.to_string())?;
+            let projected = Projection::new(&model, &request.window).map_err(|error| error.to_string())?;
+            let fits = self.fit(&projected, &request.window).map_err(|error| error.to_string())?;
             Ok((model, fits))
         });
         let (learned, fits) = match fitted {
@@ -51,9 +52,8 @@ impl FitPolicies {
         Update { asked_at: request.asked_at, learned, fits, transitions }
     }
 
-    fn fit(&self, model: &SlowModel<f32>, window: &[Transition<Arc<Observation>>]) -> Result<Vec<Fit>, ValueError> {
+    fn fit(&self, projected: &Projection, window: &[Transition<Arc<Observation>>]) -> Result<Vec<Fit>, ValueError> {
         let settings = &self.scenario.value;
-        let projected = Projection::new(model, window);
         let from: Vec<usize> = window.iter().map(|t| projected.place[&t.from.frame]).collect();
         let to: Vec<usize> = window.iter().map(|t| projected.place[&t.to.frame]).collect();
         let column =
@@ -110,7 +110,7 @@ struct Projection {
 }
 
 impl Projection {
-    fn new(model: &SlowModel<f32>, window: &[Transition<Arc<Observation>>]) -> Self {
+    fn new(model: &SlowModel<f32>, window: &[Transition<Arc<Observation>>]) -> Result<Self, SlowError> {
         let unique: BTreeMap<u64, &Arc<Observation>> =
             window.iter().flat_map(|t| [&t.from, &t.to]).map(|seen| (seen.frame, seen)).collect();
         let place = unique.keys().enumerate().map(|(column, &frame)| (frame, column)).collect();
@@ -118,8 +118,8 @@ impl Projection {
         let mut phi = Mat::zeros(model.features(), seen.len());
         let mut cell = Vec::with_capacity(seen.len());
         for (index, part) in seen.chunks(PROJECT_AT_ONCE).enumerate() {
-            let rows = model.kernel_rows(columns(part.iter().copied()).as_ref(), Par::Seq);
-            let features = model.apply_to_rows(rows.as_ref(), Par::Seq);
+            let rows = model.kernel_rows(columns(part.iter().copied()).as_ref(), Par::Seq)?;
+            let features = model.apply_to_rows(rows.as_ref(), Par::Seq)?;
             phi.as_mut().subcols_mut(index * PROJECT_AT_ONCE, part.len()).copy_from(&features);
             cell.extend((0..part.len()).map(|j| {
                 let largest =
@@ -127,6 +127,6 @@ impl Projection {
                 (0..rows.nrows()).fold((0, f64::NEG_INFINITY), largest).0
             }));
         }
-        Projection { place, phi, cell }
+        Ok(Projection { place, phi, cell })
     }
 }

@@ -131,7 +131,7 @@ impl Perceive {
         let block =
             if gathering { self.scenario.dictionary.sigma_frames } else { self.scenario.dictionary.block_frames };
         let growth = if due || self.pending.len() >= block { self.flush()? } else { None };
-        let request = if due { self.request() } else { None };
+        let request = if due { self.request()? } else { None };
         Ok(Learning { growth, request })
     }
 
@@ -139,7 +139,7 @@ impl Perceive {
     pub fn finish(&mut self) -> Result<Learning, PerceiveError> {
         let growth = self.flush()?;
         let already = self.last_request.is_some() && self.last_request == self.last_number;
-        let request = if already { None } else { self.request() };
+        let request = if already { None } else { self.request()? };
         Ok(Learning { growth, request })
     }
 
@@ -147,18 +147,18 @@ impl Perceive {
         self.frames > 0 && self.frames.is_multiple_of(self.scenario.agent.resolve_frames as u64)
     }
 
-    fn request(&mut self) -> Option<SolveRequest> {
-        let asked_at = self.last_number?;
-        let stream = self.stream.as_mut()?;
+    fn request(&mut self) -> Result<Option<SolveRequest>, PerceiveError> {
+        let (Some(asked_at), Some(stream)) = (self.last_number, self.stream.as_mut()) else { return Ok(None) };
         self.last_request = Some(asked_at);
-        let moments = stream.settled_moments().clone();
-        Some(SolveRequest {
+        let refuse = |cause| PerceiveError::Block { last_frame: asked_at, cause };
+        let moments = stream.settled_moments().map_err(refuse)?.clone();
+        Ok(Some(SolveRequest {
             asked_at,
             frames: self.frames,
             dictionary: stream.dictionary().clone(),
             moments,
             window: self.window.snapshot(),
-        })
+        }))
     }
 
     /// Put all pending frames into the stream, and the transitions that end in them into the window.

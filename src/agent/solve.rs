@@ -24,11 +24,12 @@ impl Solve {
             Err(SlowError::Features { rank, .. }) if rank > 0 => self.solve(&request, rank),
             other => other,
         };
-        let model = solved.map_err(|error| error.to_string()).map(|features| {
-            let model = SlowModel::new(&request.dictionary, &features);
+        let model = solved.and_then(|features| {
+            let model = SlowModel::new(&request.dictionary, &features)?;
             self.previous = Some(features);
-            model
+            Ok(model)
         });
+        let model = model.map_err(|error| error.to_string());
         FitRequest { asked_at: request.asked_at, frames: request.frames, model, window: request.window }
     }
 

@@ -14,7 +14,7 @@ use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::{Accum, Mat, MatRef, Par};
 use thiserror::Error;
 
-use crate::kernel::{Kernel, Scalar, squared_norms};
+use crate::kernel::{Kernel, KernelError, Scalar, squared_norms};
 
 /// What a dictionary refuses.
 #[derive(Debug, Error, Clone, PartialEq)]
@@ -33,6 +33,17 @@ pub enum DictionaryError {
         /// Values per observation given.
         found: usize,
     },
+    /// Frames of a stream without one link each.
+    #[error("there are {found} links for {expected} frames: one each is needed, None where a frame follows no other")]
+    Links {
+        /// Links given.
+        found: usize,
+        /// Frames given.
+        expected: usize,
+    },
+    /// What the kernel refuses.
+    #[error(transparent)]
+    Kernel(#[from] KernelError),
     /// A value that is not a number.
     #[error("observation {0} of the block holds a value that is not finite")]
     NotFinite(usize),
@@ -137,7 +148,7 @@ impl<T: Scalar> Dictionary<T> {
     /// Observations of another length.
     pub fn kernel_rows(&self, x: MatRef<'_, T>) -> Result<Mat<f64>, DictionaryError> {
         self.check(x)?;
-        Ok(self.rows_from(0, x, &squared_norms(x)))
+        self.rows_from(0, x, &squared_norms(x))
     }
 
     /// Newton coordinates `v(x) = L⁻¹k(x)` without growing: `x: d × n` gives `m × n`.
@@ -155,17 +166,22 @@ impl<T: Scalar> Dictionary<T> {
     /// # Shapes
     /// `x: d × n`, `old: m₀ × n` with `m₀ ≤ m`; the result is `(m − m₀) × n`.
     ///
-    /// # Panics
-    /// If the shapes do not fit.
-    pub fn new_coordinates(&self, x: MatRef<'_, T>, norms: &[f64], old: MatRef<'_, f64>) -> Mat<f64> {
+    /// # Errors
+    /// Shapes that do not fit.
+    pub fn new_coordinates(
+        &self,
+        x: MatRef<'_, T>,
+        norms: &[f64],
+        old: MatRef<'_, f64>,
+    ) -> Result<Mat<f64>, DictionaryError> {
         let (before, m) = (old.nrows(), self.len());
-        let mut rows = self.rows_from(before, x, norms);
+        let mut rows = self.rows_from(before, x, norms)?;
         let par = self.parameters.par;
         let factor = self.factor.as_ref();
         matmul(rows.as_mut(), Accum::Add, factor.submatrix(before, 0, m - before, before), old, -1.0, par);
         let corner = factor.submatrix(before, before, m - before, m - before);
         solve_lower_triangular_in_place(corner, rows.as_mut(), par);
-        rows
+        Ok(rows)
     }
 
     /// Judge a block of observations in their order, and accept those with `ε(x) > ν` while the budget lasts.
@@ -183,12 +199,12 @@ impl<T: Scalar> Dictionary<T> {
         }
         let Parameters { kernel, nu, budget, par } = self.parameters;
         let (m, b) = (self.len(), x.ncols());
-        let mut known = self.rows_from(0, x, &norms);
+        let mut known = self.rows_from(0, x, &norms)?;
         let mut nearest: Vec<(usize, f64)> = (0..b).map(|j| largest((0..m).map(|i| known[(i, j)]))).collect();
         solve_lower_triangular_in_place(self.factor.as_ref(), known.as_mut(), par);
 
         // Schur complement of the block: what its members have in common beyond the dictionary.
-        let common = kernel.matrix(x, &norms, x, &norms, par);
+        let common = kernel.matrix(x, &norms, x, &norms, par)?;
         let mut schur = common.clone();
         matmul(schur.as_mut(), Accum::Add, known.transpose(), known.as_ref(), -1.0, par);
 
@@ -249,12 +265,12 @@ impl<T: Scalar> Dictionary<T> {
         }
     }
 
-    fn rows_from(&self, first: usize, x: MatRef<'_, T>, norms: &[f64]) -> Mat<f64> {
+    fn rows_from(&self, first: usize, x: MatRef<'_, T>, norms: &[f64]) -> Result<Mat<f64>, DictionaryError> {
         if self.is_empty() {
-            return Mat::zeros(0, x.ncols());
+            return Ok(Mat::zeros(0, x.ncols()));
         }
         let members = self.members.as_ref().subcols(first, self.len() - first);
-        self.parameters.kernel.matrix(members, &self.norms[first..], x, norms, self.parameters.par)
+        Ok(self.parameters.kernel.matrix(members, &self.norms[first..], x, norms, self.parameters.par)?)
     }
 
     fn check(&self, x: MatRef<'_, T>) -> Result<(), DictionaryError> {

@@ -41,7 +41,7 @@ pub fn decode_pose(scenario: &Scenario, world: &World, learned: &Learned, seed: 
             observe(&image, &scenario.vision, index as u64)
         })
         .collect();
-    let phi = learned.model.apply(columns(seen.iter()).as_ref(), Par::Seq);
+    let phi = learned.features(columns(seen.iter()).as_ref(), Par::Seq);
     let f = phi.nrows();
     let known = phi.as_ref().subcols(0, train);
     let targets = Mat::from_fn(4, train, |i, j| {

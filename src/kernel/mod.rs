@@ -28,6 +28,16 @@ pub enum KernelError {
     /// A radial kernel is positive definite for exponents in (0, 2] only.
     #[error("kernel exponent = {0} is not allowed: it must be in (0, 2], else the kernel is not positive definite")]
     Exponent(f64),
+    /// Matrices that do not fit each other.
+    #[error("{what} has {found}, but {expected} is needed")]
+    Shape {
+        /// What does not fit.
+        what: &'static str,
+        /// Its size.
+        found: usize,
+        /// The size that fits.
+        expected: usize,
+    },
     /// A suggestion of σ needs at least two different observations.
     #[error(
         "no width can be suggested from {0} observations with median distance {1}: at least two different ones are needed"
@@ -105,8 +115,8 @@ impl Kernel {
     /// # Shapes
     /// `s: d × m` with `s_norms: m`, `x: d × n` with `x_norms: n` ([`squared_norms`]); the result is `m × n`.
     ///
-    /// # Panics
-    /// If the shapes do not fit each other.
+    /// # Errors
+    /// Shapes that do not fit each other.
     pub fn matrix<T: Scalar>(
         &self,
         s: MatRef<'_, T>,
@@ -114,16 +124,23 @@ impl Kernel {
         x: MatRef<'_, T>,
         x_norms: &[f64],
         par: Par,
-    ) -> Mat<f64> {
-        assert_eq!(s.nrows(), x.nrows(), "observations of different length");
-        assert_eq!(s.ncols(), s_norms.len());
-        assert_eq!(x.ncols(), x_norms.len());
+    ) -> Result<Mat<f64>, KernelError> {
+        let sizes = [
+            ("the length of an observation", x.nrows(), s.nrows()),
+            ("the list of norms on the left", s_norms.len(), s.ncols()),
+            ("the list of norms on the right", x_norms.len(), x.ncols()),
+        ];
+        for (what, found, expected) in sizes {
+            if found != expected {
+                return Err(KernelError::Shape { what, found, expected });
+            }
+        }
         let mut products = Mat::<T>::zeros(s.ncols(), x.ncols());
         matmul(products.as_mut(), Accum::Replace, s.transpose(), x, T::one_impl(), par);
-        Mat::from_fn(s.ncols(), x.ncols(), |i, j| {
+        Ok(Mat::from_fn(s.ncols(), x.ncols(), |i, j| {
             let product: f64 = products[(i, j)].into();
             self.at_squared_distance(s_norms[i] + x_norms[j] - 2.0 * product)
-        })
+        }))
     }
 }
 
@@ -202,8 +219,8 @@ mod tests {
         let x64 = Mat::<f64>::from_fn(1536, 5, |i, j| f64::from(x[(i, j)]));
         let kernel = Kernel::gaussian(2000.0).unwrap();
         let (ns, nx) = (squared_norms(s.as_ref()), squared_norms(x.as_ref()));
-        let single = kernel.matrix(s.as_ref(), &ns, x.as_ref(), &nx, Par::Seq);
-        let double = kernel.matrix(s64.as_ref(), &ns, x64.as_ref(), &nx, Par::Seq);
+        let single = kernel.matrix(s.as_ref(), &ns, x.as_ref(), &nx, Par::Seq).unwrap();
+        let double = kernel.matrix(s64.as_ref(), &ns, x64.as_ref(), &nx, Par::Seq).unwrap();
         for j in 0..5 {
             for i in 0..7 {
                 assert_eq!(single[(i, j)], double[(i, j)], "exact at ({i}, {j})");

@@ -38,9 +38,18 @@ pub fn columns<'a>(observations: impl ExactSizeIterator<Item = &'a Observation>)
 }
 
 impl Learned {
+    /// Features of observations: `x: d × n` gives `f × n`.
+    ///
+    /// # Panics
+    /// If the observations are not of the size that the scenario sets: the model was learned from such, or checked
+    /// against the scenario when it was read.
+    pub fn features(&self, x: MatRef<'_, f32>, par: Par) -> Mat<f64> {
+        self.model.apply(x, par).expect("observations and support vectors have the size that the scenario sets")
+    }
+
     /// Q-values of observations for one task: `x: d × n` gives `3 × n`.
     pub fn q_values(&self, x: MatRef<'_, f32>, task: usize, par: Par) -> Mat<f64> {
-        self.weights[task].transpose() * self.model.apply(x, par)
+        self.weights[task].transpose() * self.features(x, par)
     }
 
     /// Q-values of one observation for one task.

@@ -6,7 +6,7 @@ use faer::linalg::matmul::matmul;
 use faer::linalg::triangular_solve::solve_upper_triangular_in_place;
 use faer::{Accum, Mat, MatRef, Par};
 
-use super::solve::SlowFeatures;
+use super::solve::{SlowError, SlowFeatures};
 use crate::dictionary::Dictionary;
 use crate::kernel::{Kernel, Scalar, squared_norms};
 
@@ -29,10 +29,10 @@ pub struct SlowModel<T: Scalar> {
 impl<T: Scalar> SlowModel<T> {
     /// The runtime form of features that were solved over `dictionary`.
     ///
-    /// # Panics
-    /// If the features have another number of coordinates than the dictionary has support vectors.
-    pub fn new(dictionary: &Dictionary<T>, features: &SlowFeatures) -> Self {
-        assert_eq!(features.weights.nrows(), dictionary.len());
+    /// # Errors
+    /// Features with another number of coordinates than the dictionary has support vectors.
+    pub fn new(dictionary: &Dictionary<T>, features: &SlowFeatures) -> Result<Self, SlowError> {
+        SlowError::unless_fits("the number of coordinates", features.weights.nrows(), dictionary.len())?;
         let mut projection = features.weights.clone();
         solve_upper_triangular_in_place(dictionary.factor().transpose(), projection.as_mut(), Par::Seq);
         let centre = features.weights.transpose() * &features.mean;
@@ -50,20 +50,20 @@ impl<T: Scalar> SlowModel<T> {
     /// # Shapes
     /// `members: d × m`, `projection: m × k`, `offset: k`, `slowness: k`.
     ///
-    /// # Panics
-    /// If the shapes do not fit.
+    /// # Errors
+    /// Shapes that do not fit.
     pub fn from_parts(
         kernel: Kernel,
         members: Mat<T>,
         projection: Mat<f64>,
         offset: Vec<f64>,
         slowness: Vec<f64>,
-    ) -> Self {
-        assert_eq!(projection.nrows(), members.ncols());
-        assert_eq!(projection.ncols(), offset.len());
-        assert_eq!(projection.ncols(), slowness.len());
+    ) -> Result<Self, SlowError> {
+        SlowError::unless_fits("the number of rows of A", projection.nrows(), members.ncols())?;
+        SlowError::unless_fits("the length of c", offset.len(), projection.ncols())?;
+        SlowError::unless_fits("the length of the slowness", slowness.len(), projection.ncols())?;
         let norms = squared_norms(members.as_ref());
-        SlowModel { kernel, members: Arc::new(members), projection, offset, slowness, norms }
+        Ok(SlowModel { kernel, members: Arc::new(members), projection, offset, slowness, norms })
     }
 
     /// Number of features, the constant one included: `k + 1`.
@@ -73,22 +73,29 @@ impl<T: Scalar> SlowModel<T> {
 
     /// Features of observations: `x: d × n` gives `(k + 1) × n`; the first row is the constant feature 1.
     ///
-    /// # Panics
-    /// If the observations have another length than the support vectors.
-    pub fn apply(&self, x: MatRef<'_, T>, par: Par) -> Mat<f64> {
-        self.apply_to_rows(self.kernel_rows(x, par).as_ref(), par)
+    /// # Errors
+    /// Observations of another length than the support vectors.
+    pub fn apply(&self, x: MatRef<'_, T>, par: Par) -> Result<Mat<f64>, SlowError> {
+        self.apply_to_rows(self.kernel_rows(x, par)?.as_ref(), par)
     }
 
     /// Kernel rows `k(x)`: `x: d × n` gives `m × n`.
-    pub fn kernel_rows(&self, x: MatRef<'_, T>, par: Par) -> Mat<f64> {
-        self.kernel.matrix(self.members.as_ref().as_ref(), &self.norms, x, &squared_norms(x), par)
+    ///
+    /// # Errors
+    /// Observations of another length than the support vectors.
+    pub fn kernel_rows(&self, x: MatRef<'_, T>, par: Par) -> Result<Mat<f64>, SlowError> {
+        Ok(self.kernel.matrix(self.members.as_ref().as_ref(), &self.norms, x, &squared_norms(x), par)?)
     }
 
     /// Features from kernel rows: `m × n` gives `(k + 1) × n`.
-    pub fn apply_to_rows(&self, rows: MatRef<'_, f64>, par: Par) -> Mat<f64> {
+    ///
+    /// # Errors
+    /// Rows of another number of support vectors.
+    pub fn apply_to_rows(&self, rows: MatRef<'_, f64>, par: Par) -> Result<Mat<f64>, SlowError> {
+        SlowError::unless_fits("the number of kernel values", rows.nrows(), self.members.ncols())?;
         let k = self.offset.len();
         let mut phi = Mat::from_fn(k + 1, rows.ncols(), |i, _| if i == 0 { 1.0 } else { -self.offset[i - 1] });
         matmul(phi.as_mut().subrows_mut(1, k), Accum::Add, self.projection.transpose(), rows, 1.0, par);
-        phi
+        Ok(phi)
     }
 }

@@ -12,6 +12,7 @@ use faer::{Mat, MatRef, Par, Side};
 use thiserror::Error;
 
 use super::moments::Moments;
+use crate::kernel::KernelError;
 
 /// Why slow features could not be solved.
 #[derive(Debug, Error, Clone, PartialEq)]
@@ -34,6 +35,19 @@ pub enum SlowError {
         /// Directions in which the observations vary.
         rank: usize,
     },
+    /// Matrices that do not fit each other.
+    #[error("{what} has {found}, but {expected} is needed")]
+    Shape {
+        /// What does not fit.
+        what: &'static str,
+        /// Its size.
+        found: usize,
+        /// The size that fits.
+        expected: usize,
+    },
+    /// What the kernel refuses.
+    #[error(transparent)]
+    Kernel(#[from] KernelError),
     /// λ must not be negative.
     #[error("lambda = {0} is not allowed: it must be ≥ 0 and finite")]
     Lambda(f64),
@@ -63,6 +77,13 @@ pub struct SlowFeatures {
     pub slowness: Vec<f64>,
     /// Regulariser λ it was solved with.
     pub lambda: f64,
+}
+
+impl SlowError {
+    /// Refuse what has another size than needed.
+    pub(super) fn unless_fits(what: &'static str, found: usize, expected: usize) -> Result<(), SlowError> {
+        if found == expected { Ok(()) } else { Err(SlowError::Shape { what, found, expected }) }
+    }
 }
 
 /// Eigenvalues below this share of the largest one are directions without variance: rounding of the sums is about

@@ -73,9 +73,12 @@ impl<T: Scalar> SlowStream<T> {
     }
 
     /// The moments over all coordinates of the dictionary, after [`SlowStream::settle`].
-    pub fn settled_moments(&mut self) -> &Moments {
-        self.settle();
-        &self.moments
+    ///
+    /// # Errors
+    /// None that a stream of accepted blocks can meet.
+    pub fn settled_moments(&mut self) -> Result<&Moments, DictionaryError> {
+        self.settle()?;
+        Ok(&self.moments)
     }
 
     /// Take a block of consecutive frames.
@@ -84,12 +87,11 @@ impl<T: Scalar> SlowStream<T> {
     /// `x: d × b`; `links: b`, `None` where a frame does not follow the one before it (the first frame of all never does).
     ///
     /// # Errors
-    /// Those of [`Dictionary::observe`]; nothing is changed then.
-    ///
-    /// # Panics
-    /// If there is not one link for each frame.
+    /// Those of [`Dictionary::observe`], and another number of links than of frames; nothing is changed then.
     pub fn push(&mut self, x: MatRef<'_, T>, links: &[Option<Link>]) -> Result<Block, DictionaryError> {
-        assert_eq!(x.ncols(), links.len());
+        if x.ncols() != links.len() {
+            return Err(DictionaryError::Links { found: links.len(), expected: x.ncols() });
+        }
         let block = self.dictionary.observe(x)?;
         if x.ncols() == 0 {
             return Ok(block);
@@ -122,22 +124,25 @@ impl<T: Scalar> SlowStream<T> {
             weight: 1.0,
         });
         if self.dictionary.len() - known >= self.options.settle_at {
-            self.settle();
+            self.settle()?;
         }
-        self.forget();
+        self.forget()?;
         Ok(block)
     }
 
     /// Fill in the coordinates that retained frames got by growth, and bring the moments up to date.
-    pub fn settle(&mut self) {
+    ///
+    /// # Errors
+    /// None that a stream of accepted blocks can meet.
+    pub fn settle(&mut self) -> Result<(), DictionaryError> {
         let (from, m) = (self.moments.size(), self.dictionary.len());
         if from == m {
-            return;
+            return Ok(());
         }
         for chunk in &mut self.retained {
             let had = chunk.v.nrows();
             if had < m {
-                let new = self.dictionary.new_coordinates(chunk.x.as_ref(), &chunk.norms, chunk.v.as_ref());
+                let new = self.dictionary.new_coordinates(chunk.x.as_ref(), &chunk.norms, chunk.v.as_ref())?;
                 if m > chunk.v.col_stride().unsigned_abs() {
                     let capacity = (m + m / 4).min(self.options.dictionary.budget).max(m);
                     chunk.v.reserve(capacity, chunk.v.ncols());
@@ -159,15 +164,17 @@ impl<T: Scalar> SlowStream<T> {
             self.moments.grow(from, v, rates.as_ref(), chunk.weight);
             before = Some(v.subcols(v.ncols() - 1, 1));
         }
+        Ok(())
     }
 
     /// Drop the oldest blocks beyond the number of retained frames; the newest block always stays.
-    fn forget(&mut self) {
+    fn forget(&mut self) -> Result<(), DictionaryError> {
         let mut kept: usize = self.retained.iter().map(|chunk| chunk.v.ncols()).sum();
         while self.retained.len() > 1 && kept > self.options.retained {
             // What is pending would be lost for the block that leaves.
-            self.settle();
+            self.settle()?;
             kept -= self.retained.pop_front().map_or(0, |chunk| chunk.v.ncols());
         }
+        Ok(())
     }
 }
