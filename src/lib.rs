@@ -44,7 +44,7 @@
 //! # Slow features of a stream, without any robot
 //!
 //! ```
-//! use adagio::dictionary::Parameters;
+//! use adagio::dictionary::{Ald, Parameters, WhenFull};
 //! use adagio::kernel::Kernel;
 //! use adagio::slow::{Link, SlowModel, SlowStream, StreamOptions, solve};
 //! use faer::{Mat, Par};
@@ -58,9 +58,9 @@
 //!     if row == 0 { t(i).sin() + fast * fast } else { fast }
 //! });
 //!
-//! let dictionary = Parameters { kernel: Kernel::gaussian(1.5)?, nu: 1e-5, budget: 200, par: Par::Seq };
-//! let options = StreamOptions { dictionary, retained: n, memory_frames: None, settle_at: 16 };
-//! let mut stream = SlowStream::new(options)?;
+//! let kernel = Kernel::gaussian(1.5)?;
+//! let ald = Ald::new(Parameters { kernel, nu: 1e-5, budget: 200, when_full: WhenFull::Stop, par: Par::Seq })?;
+//! let mut stream = SlowStream::new(ald, StreamOptions::default())?;
 //! let link = Some(Link { dt: 1.0, weight: 1.0 });
 //! for start in (0..n).step_by(100) {
 //!     stream.push(x.as_ref().subcols(start, 100), &[link; 100])?;

@@ -2,8 +2,8 @@
 
 mod common;
 
-use adagio::dictionary::{Dictionary, DictionaryError};
-use common::{parameters, random_path, relative_difference};
+use adagio::dictionary::{Ald, DictionaryError, Selection};
+use common::{ald, parameters, random_path, relative_difference};
 use faer::{Mat, Side};
 use proptest::prelude::*;
 
@@ -21,12 +21,12 @@ fn lorenz() -> Mat<f64> {
 }
 
 fn accepted_in_blocks(x: &Mat<f64>, sigma: f64, nu: f64, budget: usize, blocks: &[usize]) -> Vec<usize> {
-    let mut dictionary = Dictionary::new(parameters(sigma, nu, budget)).unwrap();
+    let mut selection = ald(sigma, nu, budget);
     let mut accepted = Vec::new();
     let (mut start, mut turn) = (0, 0);
     while start < x.ncols() {
         let size = blocks[turn % blocks.len()].min(x.ncols() - start);
-        let block = dictionary.observe(x.as_ref().subcols(start, size)).unwrap();
+        let block = selection.observe(x.as_ref().subcols(start, size)).unwrap();
         accepted.extend(block.accepted.iter().map(|index| start + index));
         start += size;
         turn += 1;
@@ -43,27 +43,27 @@ fn lorenz_series_gives_the_known_dictionary() {
 #[test]
 fn the_factor_is_the_cholesky_factor_of_the_kernel_matrix() {
     let x = random_path(5, 400, 3);
-    let mut dictionary = Dictionary::new(parameters(0.4, 1e-3, 1000)).unwrap();
+    let mut selection = ald(0.4, 1e-3, 1000);
     for start in (0..400).step_by(50) {
-        dictionary.observe(x.as_ref().subcols(start, 50)).unwrap();
+        selection.observe(x.as_ref().subcols(start, 50)).unwrap();
     }
-    let kernel_matrix = dictionary.kernel_rows(dictionary.members()).unwrap();
+    let kernel_matrix = selection.dictionary().kernel_rows(selection.dictionary().members()).unwrap();
     let exact = kernel_matrix.llt(Side::Lower).unwrap();
-    assert!(dictionary.len() > 20);
-    assert!(relative_difference(dictionary.factor(), exact.L()) < 1e-9);
+    assert!(selection.dictionary().len() > 20);
+    assert!(relative_difference(selection.dictionary().factor(), exact.L()) < 1e-9);
 }
 
 #[test]
 fn every_observation_is_within_nu_and_nothing_is_accepted_beyond_the_budget() {
     let x = random_path(4, 600, 9);
-    let mut dictionary = Dictionary::new(parameters(0.3, 0.01, 10_000)).unwrap();
-    dictionary.observe(x.as_ref()).unwrap();
-    let v = dictionary.coordinates(x.as_ref()).unwrap();
+    let mut selection = ald(0.3, 0.01, 10_000);
+    selection.observe(x.as_ref()).unwrap();
+    let v = selection.dictionary().coordinates(x.as_ref()).unwrap();
     for j in 0..600 {
         let residual = 1.0 - (0..v.nrows()).map(|i| v[(i, j)] * v[(i, j)]).sum::<f64>();
         assert!(residual <= 0.01 + 1e-9, "frame {j}: residual {residual}");
     }
-    let free = dictionary.len();
+    let free = selection.dictionary().len();
     assert!(free > 20);
     let short = accepted_in_blocks(&x, 0.3, 0.01, 20, &[7]);
     assert_eq!(short.len(), 20);
@@ -73,12 +73,12 @@ fn every_observation_is_within_nu_and_nothing_is_accepted_beyond_the_budget() {
 #[test]
 fn the_nearest_support_vector_is_the_one_with_the_largest_kernel_value() {
     let x = random_path(3, 200, 21);
-    let mut dictionary = Dictionary::new(parameters(0.3, 0.05, 1000)).unwrap();
+    let mut selection = ald(0.3, 0.05, 1000);
     for start in (0..200).step_by(25) {
         let part = x.as_ref().subcols(start, 25);
-        let block = dictionary.observe(part).unwrap();
-        let rows = dictionary.kernel_rows(part).unwrap();
-        let before = dictionary.len() - block.accepted.len();
+        let block = selection.observe(part).unwrap();
+        let rows = selection.dictionary().kernel_rows(part).unwrap();
+        let before = selection.dictionary().len() - block.accepted.len();
         for j in 0..25 {
             let known = before + block.accepted.iter().filter(|&&index| index <= j).count();
             let best = (0..known).map(|i| rows[(i, j)]).fold(f64::NEG_INFINITY, f64::max);
@@ -90,17 +90,17 @@ fn the_nearest_support_vector_is_the_one_with_the_largest_kernel_value() {
 
 #[test]
 fn bad_observations_are_refused_and_change_nothing() {
-    let mut dictionary = Dictionary::new(parameters(0.3, 0.01, 100)).unwrap();
-    dictionary.observe(random_path(3, 10, 1).as_ref()).unwrap();
-    let before = dictionary.len();
+    let mut selection = ald(0.3, 0.01, 100);
+    selection.observe(random_path(3, 10, 1).as_ref()).unwrap();
+    let before = selection.dictionary().len();
     let wrong = Mat::<f64>::zeros(4, 2);
-    assert_eq!(dictionary.observe(wrong.as_ref()).unwrap_err(), DictionaryError::Dimension { expected: 3, found: 4 });
+    assert_eq!(selection.observe(wrong.as_ref()).unwrap_err(), DictionaryError::Dimension { expected: 3, found: 4 });
     let mut holes = random_path(3, 5, 2);
     holes[(1, 3)] = f64::NAN;
-    assert_eq!(dictionary.observe(holes.as_ref()).unwrap_err(), DictionaryError::NotFinite(3));
-    assert_eq!(dictionary.len(), before);
-    assert_eq!(Dictionary::<f64>::new(parameters(0.3, 0.0, 9)).unwrap_err(), DictionaryError::Nu(0.0));
-    assert_eq!(Dictionary::<f64>::new(parameters(0.3, 0.1, 0)).unwrap_err(), DictionaryError::Budget);
+    assert_eq!(selection.observe(holes.as_ref()).unwrap_err(), DictionaryError::NotFinite(3));
+    assert_eq!(selection.dictionary().len(), before);
+    assert_eq!(Ald::<f64>::new(parameters(0.3, 0.0, 9)).unwrap_err(), DictionaryError::Nu(0.0));
+    assert_eq!(Ald::<f64>::new(parameters(0.3, 0.1, 0)).unwrap_err(), DictionaryError::Budget);
 }
 
 proptest! {

@@ -2,24 +2,11 @@
 
 mod common;
 
+use adagio::dictionary::Ald;
 use adagio::slow::{Link, Moments, SlowError, SlowFeatures, SlowModel, SlowStream, StreamOptions, solve};
-use common::{generator, parameters, random_path, relative_difference};
+use common::{ald, batch_moments, random_links, random_path, relative_difference};
 use faer::{Mat, MatRef, Par};
 use proptest::prelude::*;
-use rand::RngExt;
-
-/// Moments of a whole series at once, by their definition.
-fn batch(v: MatRef<'_, f64>, links: &[Option<Link>]) -> Moments {
-    let mut moments = Moments::new(Par::Seq);
-    moments.widen(v.nrows());
-    let linked: Vec<(usize, Link)> = links.iter().enumerate().filter_map(|(t, l)| l.map(|l| (t, l))).collect();
-    let rates = Mat::from_fn(v.nrows(), linked.len(), |i, j| {
-        let (t, link) = linked[j];
-        link.weight.sqrt() * (v[(i, t)] - v[(i, t - 1)]) / link.dt
-    });
-    moments.add(v, rates.as_ref(), linked.iter().map(|(_, l)| l.weight).sum());
-    moments
-}
 
 fn series_links(n: usize, dt: f64) -> Vec<Option<Link>> {
     (0..n).map(|t| (t > 0).then_some(Link { dt, weight: 1.0 })).collect()
@@ -82,7 +69,7 @@ fn wiskott_sejnowski_signal_has_the_known_slow_features() {
         [a, b, a * a, a * b, b * b][i]
     });
     let links = series_links(n, step);
-    let features = solve(&batch(v.as_ref(), &links), 5, 0.0, None).unwrap();
+    let features = solve(&batch_moments(v.as_ref(), &links), 5, 0.0, None).unwrap();
     let y = outputs(&features, v.as_ref());
     let slowest: Vec<f64> = (0..n).map(|t| y[(0, t)]).collect();
     let sine: Vec<f64> = (0..n).map(|t| (t as f64 * step).sin()).collect();
@@ -110,7 +97,7 @@ fn reflecting_walk_has_the_cosines_of_theory() {
             push(&mut v, next, true);
         }
     }
-    let features = solve(&batch(v.as_ref(), &links), 6, 1e-13, None).unwrap();
+    let features = solve(&batch_moments(v.as_ref(), &links), 6, 1e-13, None).unwrap();
     let known = [0.024623, 0.097887, 0.217987, 0.381966, 0.585786, 0.824429];
     for (j, (found, known)) in features.slowness.iter().zip(known).enumerate() {
         assert!((found - known).abs() < 1e-6, "feature {}: {found} against {known}", j + 1);
@@ -134,32 +121,27 @@ fn a_gap_gives_no_derivative() {
     }
     let mut links = series_links(200, 1.0);
     links[100] = None;
-    let features = solve(&batch(v.as_ref(), &links), 1, 0.0, None).unwrap();
+    let features = solve(&batch_moments(v.as_ref(), &links), 1, 0.0, None).unwrap();
     // The jump itself is free, so a feature that only tells the two halves apart is almost still.
     assert!(features.slowness[0] < 1e-4);
     let y = outputs(&features, v.as_ref());
     assert_constraints(y.as_ref(), &features, &links, 1e-8);
-    let jump = solve(&batch(v.as_ref(), &series_links(200, 1.0)), 1, 0.0, None).unwrap();
+    let jump = solve(&batch_moments(v.as_ref(), &series_links(200, 1.0)), 1, 0.0, None).unwrap();
     assert!(jump.slowness[0] > 10.0 * features.slowness[0]);
 }
 
-fn options(sigma: f64, nu: f64, settle_at: usize) -> StreamOptions {
-    StreamOptions { dictionary: parameters(sigma, nu, 10_000), retained: 100_000, memory_frames: None, settle_at }
+fn options(settle_at: usize) -> StreamOptions {
+    StreamOptions { retained: 100_000, memory_frames: None, settle_at }
 }
 
-fn random_links(n: usize, seed: u64) -> Vec<Option<Link>> {
-    let mut rng = generator(seed);
-    (0..n)
-        .map(|t| {
-            let linked = t > 0 && rng.random_range(0.0..1.0) < 0.9;
-            let link = Link { dt: rng.random_range(0.1..1.0), weight: rng.random_range(0.2..5.0) };
-            linked.then_some(link)
-        })
-        .collect()
-}
-
-fn streamed(x: &Mat<f64>, links: &[Option<Link>], sizes: &[usize], options: StreamOptions) -> SlowStream<f64> {
-    let mut stream = SlowStream::new(options).unwrap();
+fn streamed(
+    x: &Mat<f64>,
+    links: &[Option<Link>],
+    sizes: &[usize],
+    ald: Ald<f64>,
+    options: StreamOptions,
+) -> SlowStream<f64> {
+    let mut stream = SlowStream::new(ald, options).unwrap();
     let (mut start, mut turn) = (0, 0);
     while start < x.ncols() {
         let size = sizes[turn % sizes.len()].min(x.ncols() - start);
@@ -175,16 +157,16 @@ proptest! {
 
     /// Moments that grew with the dictionary are those of a batch with the final dictionary over the same frames.
     #[test]
-    fn grown_moments_equal_those_of_a_batch(
+    fn grown_moments_equal_those_of_a_batch_moments(
         seed in any::<u64>(),
         sizes in prop::collection::vec(1usize..50, 1..5),
         settle_at in 1usize..40,
     ) {
         let x = random_path(4, 300, seed);
         let links = random_links(300, seed ^ 1);
-        let mut stream = streamed(&x, &links, &sizes, options(0.3, 0.01, settle_at));
+        let mut stream = streamed(&x, &links, &sizes, ald(0.3, 0.01, 10_000), options(settle_at));
         let v = stream.dictionary().coordinates(x.as_ref()).unwrap();
-        let exact = batch(v.as_ref(), &links);
+        let exact = batch_moments(v.as_ref(), &links);
         let grown = stream.settled_moments().unwrap();
         prop_assert_eq!(grown.size(), exact.size());
         prop_assert!(relative_difference(grown.mean().as_ref(), exact.mean().as_ref()) < 1e-9);
@@ -197,7 +179,7 @@ proptest! {
     fn features_of_a_stream_obey_their_constraints(seed in any::<u64>(), block in 1usize..80) {
         let x = random_path(4, 400, seed);
         let links = random_links(400, seed ^ 2);
-        let mut stream = streamed(&x, &links, &[block], options(0.4, 0.01, 16));
+        let mut stream = streamed(&x, &links, &[block], ald(0.4, 0.01, 10_000), options(16));
         let features = solve(stream.settled_moments().unwrap(), 8, 1e-7, None).unwrap();
         let model = SlowModel::new(stream.dictionary(), &features).unwrap();
         let phi = model.apply(x.as_ref(), Par::Seq).unwrap();
@@ -210,9 +192,9 @@ proptest! {
 fn forgotten_frames_count_as_zero_in_later_coordinates_only() {
     let x = random_path(4, 400, 77);
     let links = series_links(400, 1.0);
-    let short = StreamOptions { retained: 100, ..options(0.3, 0.01, 1) };
-    let mut stream = streamed(&x, &links, &[20], short);
-    let whole = streamed(&x, &links, &[20], options(0.3, 0.01, 1)).settled_moments().unwrap().clone();
+    let short = StreamOptions { retained: 100, ..options(1) };
+    let mut stream = streamed(&x, &links, &[20], ald(0.3, 0.01, 10_000), short);
+    let whole = streamed(&x, &links, &[20], ald(0.3, 0.01, 10_000), options(1)).settled_moments().unwrap().clone();
     assert_eq!(stream.settled_moments().unwrap().frames(), 400.0);
     let (part, whole) = (stream.settled_moments().unwrap().covariance(), whole.covariance());
     let last = part.nrows() - 1;
@@ -225,7 +207,7 @@ fn forgotten_frames_count_as_zero_in_later_coordinates_only() {
 fn an_empty_block_changes_nothing() {
     let x = random_path(3, 40, 8);
     let links = series_links(40, 1.0);
-    let mut stream = streamed(&x, &links, &[20], options(0.4, 0.01, 4));
+    let mut stream = streamed(&x, &links, &[20], ald(0.4, 0.01, 10_000), options(4));
     let before = stream.settled_moments().unwrap().covariance();
     stream.push(x.as_ref().subcols(0, 0), &[]).unwrap();
     stream.push(x.as_ref().subcols(0, 1), &[None]).unwrap();
@@ -237,8 +219,8 @@ fn an_empty_block_changes_nothing() {
 fn fading_moments_weigh_frames_by_their_age() {
     let x = random_path(3, 60, 4);
     let links = series_links(60, 1.0);
-    let fading = StreamOptions { memory_frames: Some(20.0), ..options(0.5, 0.05, 1) };
-    let mut stream = streamed(&x, &links, &[10], fading);
+    let fading = StreamOptions { memory_frames: Some(20.0), ..options(1) };
+    let mut stream = streamed(&x, &links, &[10], ald(0.5, 0.05, 10_000), fading);
     let v = stream.dictionary().coordinates(x.as_ref()).unwrap();
     let weight = |t: usize| (-0.5 * (5 - t / 10) as f64).exp();
     let total: f64 = (0..60).map(weight).sum();
@@ -253,7 +235,8 @@ fn fading_moments_weigh_frames_by_their_age() {
 fn a_new_solution_keeps_the_signs_of_the_one_before() {
     let x = random_path(4, 900, 12);
     let links = series_links(900, 1.0);
-    let mut stream = streamed(&x.as_ref().subcols(0, 700).to_owned(), &links[..700], &[50], options(0.4, 0.01, 8));
+    let mut stream =
+        streamed(&x.as_ref().subcols(0, 700).to_owned(), &links[..700], &[50], ald(0.4, 0.01, 10_000), options(8));
     let first = solve(stream.settled_moments().unwrap(), 5, 1e-7, None).unwrap();
     let mut turned = first.clone();
     turned.weights *= faer::Scale(-1.0);
@@ -274,7 +257,7 @@ fn a_new_solution_keeps_the_signs_of_the_one_before() {
 #[test]
 fn impossible_requests_are_refused_with_their_numbers() {
     let v = random_path(3, 50, 6);
-    let moments = batch(v.as_ref(), &series_links(50, 1.0));
+    let moments = batch_moments(v.as_ref(), &series_links(50, 1.0));
     assert_eq!(solve(&moments, 4, 0.0, None).unwrap_err(), SlowError::Features { asked: 4, rank: 3 });
     assert_eq!(solve(&moments, 0, 0.0, None).unwrap_err(), SlowError::Features { asked: 0, rank: 3 });
     assert_eq!(solve(&moments, 1, -1.0, None).unwrap_err(), SlowError::Lambda(-1.0));
@@ -282,7 +265,7 @@ fn impossible_requests_are_refused_with_their_numbers() {
     assert!(matches!(solve(&empty, 1, 0.0, None), Err(SlowError::TooFewFrames { .. })));
     // One direction never changes: without λ the problem has no unique solution.
     let still = Mat::from_fn(2, 50, |i, t| if i == 0 { v[(0, t)] } else { 1.0 });
-    let singular = batch(still.as_ref(), &series_links(50, 1.0));
+    let singular = batch_moments(still.as_ref(), &series_links(50, 1.0));
     assert!(matches!(solve(&singular, 1, 0.0, None), Err(SlowError::Singular { size: 2, .. })));
     assert!(solve(&singular, 1, 1e-9, None).is_ok());
 }

@@ -30,6 +30,7 @@ const HEALTH_INTERVAL: Duration = Duration::from_secs(1);
 pub struct Perceived {
     pub frames: u64,
     pub support_vectors: usize,
+    pub nu: Option<f64>,
     pub clock: Clock,
 }
 
@@ -60,7 +61,7 @@ pub fn perceive(
     status: &Status,
 ) -> Result<Perceived, RunError> {
     let mut perceive = Perceive::new(scenario.clone());
-    let mut done = Perceived { frames: 0, support_vectors: 0, clock: Clock::new() };
+    let mut done = Perceived { frames: 0, support_vectors: 0, nu: None, clock: Clock::new() };
     let mut last_boundary = None;
     loop {
         let Ok(frame) = frames.take() else {
@@ -101,6 +102,7 @@ fn deliver(
 ) -> Result<(), Closed> {
     if let Some(growth) = learned.growth {
         done.support_vectors = growth.size;
+        done.nu = growth.nu;
         status.update(|s| s.support_vectors = growth.size);
         record.growth(growth)?;
     }

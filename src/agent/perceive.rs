@@ -6,10 +6,10 @@ use faer::Par;
 use thiserror::Error;
 
 use super::messages::{Percept, SolveRequest};
-use crate::dictionary::{DictionaryError, Parameters};
-use crate::kernel::{Kernel, KernelError, median_distance};
+use crate::dictionary::{Ald, DictionaryError, Parameters, Reservoir, Selection, width_for_size};
+use crate::kernel::{Kernel, KernelError};
 use crate::policy::columns;
-use crate::scenario::Scenario;
+use crate::scenario::{Scenario, SelectionRule};
 use crate::slow::{Link, SlowStream, StreamOptions};
 use crate::source::{Boundary, Frame};
 use crate::value::{Transition, Window};
@@ -52,6 +52,7 @@ pub struct Growth {
     pub accepted: Vec<u64>,
     pub size: usize,
     pub sigma: f64,
+    pub nu: Option<f64>,
     pub at_budget: bool,
 }
 
@@ -157,6 +158,7 @@ impl Perceive {
             frames: self.frames,
             dictionary: stream.dictionary().clone(),
             moments,
+            thinnings: stream.take_thinnings(),
             window: self.window.snapshot(),
         }))
     }
@@ -207,8 +209,9 @@ impl Perceive {
             stamp_ns: self.stamp_ns,
             accepted,
             size: dictionary.len(),
-            sigma: dictionary.parameters().kernel.sigma(),
-            at_budget: dictionary.at_budget(),
+            sigma: dictionary.kernel().sigma(),
+            nu: stream.selection().nu(),
+            at_budget: stream.selection().is_full(),
         }))
     }
 
@@ -217,20 +220,27 @@ impl Perceive {
         let settings = &self.scenario.dictionary;
         let sigma = match settings.sigma {
             Some(sigma) => sigma,
-            None => settings.sigma_factor * median_distance(first.as_ref())?,
+            None => {
+                let share = settings.sigma_share * first.ncols() as f64;
+                let kernel = |sigma| Kernel::radial(sigma, settings.exponent);
+                let target = (share.round() as usize).max(1);
+                width_for_size(first.as_ref(), settings.nu, target, kernel, Par::Seq)?.sigma
+            }
         };
-        let dictionary = Parameters {
-            kernel: Kernel::radial(sigma, settings.exponent)?,
-            nu: settings.nu,
-            budget: settings.budget,
-            par: Par::Seq,
+        let (kernel, budget, par) = (Kernel::radial(sigma, settings.exponent)?, settings.budget, Par::Seq);
+        let selection: Box<dyn Selection<f32>> = match settings.selection {
+            SelectionRule::Ald => {
+                let (nu, when_full) = (settings.nu, settings.when_full);
+                Box::new(Ald::new(Parameters { kernel, nu, budget, when_full, par })?)
+            }
+            SelectionRule::Random => Box::new(Reservoir::new(kernel, budget, self.scenario.seed, par)?),
         };
-        Ok(SlowStream::new(StreamOptions {
-            dictionary,
+        let options = StreamOptions {
             retained: settings.retained_frames,
             memory_frames: self.scenario.slow.memory_frames,
             settle_at: SETTLE_AT,
-        })?)
+        };
+        Ok(SlowStream::from_boxed(selection, options)?)
     }
 }
 

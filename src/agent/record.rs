@@ -165,7 +165,7 @@ impl Recorder {
             accepted: growth.accepted,
             size: growth.size as u32,
             sigma: growth.sigma,
-            nu: self.scenario.dictionary.nu,
+            nu: growth.nu.unwrap_or(f64::NAN),
             at_budget: growth.at_budget,
         };
         self.write(topics::DICTIONARY, growth.last_frame, growth.stamp_ns, message)

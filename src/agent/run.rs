@@ -90,6 +90,8 @@ pub struct Outcome {
     pub seconds: f64,
     /// Size of the dictionary at the end.
     pub support_vectors: usize,
+    /// Threshold of acceptance at the end, if the selection has one.
+    pub nu: Option<f64>,
     /// Evaluations during the run.
     pub curve: Vec<CurvePoint>,
     /// Durations.
@@ -221,6 +223,7 @@ pub fn run(
         frames: perceived.frames,
         seconds: begin.elapsed().as_secs_f64(),
         support_vectors: perceived.support_vectors,
+        nu: perceived.nu,
         curve: assess.ok().flatten().ok_or_else(|| lost("assess"))?,
         timing: Timing {
             act_p50: acted.clock.quantile_ms(0.5),

@@ -20,6 +20,10 @@ impl Solve {
     /// of a run, there are fewer features.
     pub fn step(&mut self, request: SolveRequest) -> FitRequest {
         let features = self.settings.features.min(request.moments.size());
+        // Features that cannot follow the dictionary give nothing to align with.
+        self.previous = self.previous.take().and_then(|mut previous| {
+            request.thinnings.iter().all(|thinning| previous.follow(thinning).is_ok()).then_some(previous)
+        });
         let solved = match self.solve(&request, features) {
             Err(SlowError::Features { rank, .. }) if rank > 0 => self.solve(&request, rank),
             other => other,

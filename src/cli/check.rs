@@ -6,9 +6,10 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::{CheckArgs, Ending, folder, print, print_json, run::load};
+use crate::dictionary::WhenFull;
 use crate::log::{Ending as LogEnding, LogSummary, summarise};
 use crate::report::Numbered;
-use crate::scenario::Scenario;
+use crate::scenario::{Scenario, SelectionRule};
 
 /// Check a scenario, or the logs of a run.
 pub fn check(args: &CheckArgs) -> Ending {
@@ -33,7 +34,9 @@ struct Sizes {
 /// `r(8m + 4d)`; the solver's `48m²`; the window `N(d + 24k)` and policy iteration `72k²`. The process holds more than that:
 /// images, queues, copies on the way, and what the allocator keeps (the lab peaks at two and a half times this).
 fn memory_bytes(s: &Scenario) -> u64 {
-    let m = s.dictionary.budget as u64;
+    // Where members can leave, a block may exceed the budget before they do.
+    let exceeds = s.dictionary.selection != SelectionRule::Ald || s.dictionary.when_full != WhenFull::Stop;
+    let m = (s.dictionary.budget + if exceeds { s.dictionary.block_frames } else { 0 }) as u64;
     let d = 3 * (s.vision.width * s.vision.height) as u64;
     let r = s.dictionary.retained_frames.min(s.actions.saturating_mul(s.robot.frames_per_action)) as u64;
     let (k, n) = (s.slow.features as u64 + 1, s.value.window.min(s.actions) as u64);

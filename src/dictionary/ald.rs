@@ -1,287 +1,187 @@
-//! Approximate linear dependence (ALD) in the Newton basis, in blocks.
+//! Approximate linear dependence (ALD): take what the support vectors do not span up to `√ν`.
 //!
-//! An observation becomes a support vector when its image in feature space is farther than `ν` (squared) from the span of
-//! the support vectors so far: `ε(x) > ν`. (The thesis prints the inequality of its algorithm 2 the wrong way round, and
-//! its text says it right.) The factor `L` then grows by the row `[v(x)ᵀ, √ε]`. The inverse of `K`, which the thesis carries
-//! by the Woodbury identity, drifts at small ν and then accepts other vectors; the factor does not.
-//!
-//! A block of observations costs one matrix product and one triangular solve; what the block's own members do to each
-//! other is settled by a partial Cholesky factorisation of the block's Schur complement, in the order of the observations.
-//! It accepts exactly what handling them one after the other accepts.
+//! An observation becomes a support vector when `ε(x) > ν`. (The thesis prints the inequality of its algorithm 2 the wrong
+//! way round, and its text says it right.) The number of support vectors stays bounded for every ν, but there is no
+//! telling beforehand what it will be; so there is a budget, and three ways to live with it.
 
-use faer::linalg::matmul::matmul;
-use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
-use faer::{Accum, Mat, MatRef, Par};
-use thiserror::Error;
+use faer::linalg::triangular_inverse::invert_lower_triangular;
+use faer::{Mat, MatRef, Par};
 
-use crate::kernel::{Kernel, KernelError, Scalar, squared_norms};
+use super::error::{check_budget, check_nu};
+use super::{Block, Dictionary, DictionaryError, Selection, Thinning};
+use crate::kernel::{Kernel, Scalar};
 
-/// What a dictionary refuses.
-#[derive(Debug, Error, Clone, PartialEq)]
-pub enum DictionaryError {
-    /// ν must be positive: with ν = 0 rounding alone decides.
-    #[error("nu = {0} is not allowed: it must be in (0, 1)")]
-    Nu(f64),
-    /// A dictionary without room.
-    #[error("a budget of 0 support vectors is not allowed: at least 1 is needed")]
-    Budget,
-    /// Observations of another length than the support vectors.
-    #[error("an observation has {found} values, but the dictionary was begun with {expected}")]
-    Dimension {
-        /// Values per support vector.
-        expected: usize,
-        /// Values per observation given.
-        found: usize,
-    },
-    /// Frames of a stream without one link each.
-    #[error("there are {found} links for {expected} frames: one each is needed, None where a frame follows no other")]
-    Links {
-        /// Links given.
-        found: usize,
-        /// Frames given.
-        expected: usize,
-    },
-    /// What the kernel refuses.
-    #[error(transparent)]
-    Kernel(#[from] KernelError),
-    /// A value that is not a number.
-    #[error("observation {0} of the block holds a value that is not finite")]
-    NotFinite(usize),
+/// What an [`Ald`] does when its budget is used up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum WhenFull {
+    /// Stop growing.
+    Stop,
+    /// Raise ν until ALD over the support vectors, in their order, keeps at most ¾ of the budget; then go on with that ν.
+    RaiseNu,
+    /// Go on accepting, and let the least independent support vectors leave.
+    ///
+    /// The independence of a member is its own residual over all others, `1/(K⁻¹)ᵢᵢ`. Within a block all newcomers are
+    /// taken first; with blocks of one observation this is plain replacement.
+    Replace,
 }
 
-/// The checked parameters of a dictionary.
+/// The checked parameters of an [`Ald`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Parameters {
     /// The kernel.
     pub kernel: Kernel,
-    /// Acceptance threshold ν on the residual `ε(x)`, in (0, 1).
+    /// Acceptance threshold ν on the residual `ε(x)`: > 0; only values below `k(x, x)`, which is 1 for radial kernels,
+    /// select anything.
     pub nu: f64,
-    /// The dictionary stops growing at this many support vectors.
+    /// The largest number of support vectors.
     pub budget: usize,
+    /// What happens at the budget.
+    pub when_full: WhenFull,
     /// Threads for the matrix products (their bits do not depend on it).
     pub par: Par,
 }
 
-/// What a block of observations did.
-#[derive(Debug, Clone)]
-pub struct Block {
-    /// Newton coordinates of the block in the dictionary as it is *after* the block, `m × b`.
-    pub coordinates: Mat<f64>,
-    /// Residual `ε(x)` of each observation at the moment it was judged, in [0, k(x, x)]: a novelty signal.
-    pub residuals: Vec<f64>,
-    /// Which observations of the block became support vectors, ascending.
-    pub accepted: Vec<usize>,
-    /// The nearest support vector of each observation, by kernel value, among those accepted up to it.
-    pub nearest: Vec<usize>,
-}
-
-/// A growing set of support vectors with its Cholesky factor.
+/// Selection by approximate linear dependence.
 ///
 /// # Reference
-/// Engel, Mannor & Meir 2004 (ALD); thesis §2.2.6, eq. `ald_condition2`; the Newton basis: Müller & Schaback 2009.
+/// Engel, Mannor & Meir 2004; thesis §2.2.6, eq. `ald_condition2`. Replacing the least independent member: the score of
+/// Csató & Opper 2002 without targets.
 #[derive(Debug, Clone)]
-pub struct Dictionary<T: Scalar> {
-    parameters: Parameters,
-    /// `d × m`.
-    members: Mat<T>,
-    /// Squared norms of the members.
-    norms: Vec<f64>,
-    /// Lower triangle holds `L`, `m × m`; what stands above the diagonal is zero.
-    factor: Mat<f64>,
-    /// Support vectors for which there is storage.
-    capacity: usize,
+pub struct Ald<T: Scalar> {
+    dictionary: Dictionary<T>,
+    nu: f64,
+    budget: usize,
+    when_full: WhenFull,
 }
 
-impl<T: Scalar> Dictionary<T> {
-    /// An empty dictionary.
+/// Each step of [`WhenFull::RaiseNu`] raises ν by this factor.
+const RAISE: f64 = std::f64::consts::SQRT_2;
+
+/// Members that are judged together when a dictionary is thinned.
+const BLOCK: usize = 256;
+
+impl<T: Scalar> Ald<T> {
+    /// An empty selection.
     ///
     /// # Errors
-    /// ν outside (0, 1), budget 0.
+    /// ν not positive or not finite, budget 0.
     pub fn new(parameters: Parameters) -> Result<Self, DictionaryError> {
-        if !(parameters.nu > 0.0 && parameters.nu < 1.0) {
-            return Err(DictionaryError::Nu(parameters.nu));
-        }
-        if parameters.budget == 0 {
-            return Err(DictionaryError::Budget);
-        }
-        Ok(Dictionary { parameters, members: Mat::new(), norms: Vec::new(), factor: Mat::new(), capacity: 0 })
+        let Parameters { kernel, nu, budget, when_full, par } = parameters;
+        Ok(Ald {
+            dictionary: Dictionary::new(kernel, check_budget(budget)?, par),
+            nu: check_nu(nu)?,
+            budget,
+            when_full,
+        })
     }
 
-    /// Number of support vectors `m`.
-    pub fn len(&self) -> usize {
-        self.norms.len()
-    }
-
-    /// Whether nothing was accepted yet.
-    pub fn is_empty(&self) -> bool {
-        self.norms.is_empty()
-    }
-
-    /// Whether the budget is used up, so that nothing more will be accepted.
-    pub fn at_budget(&self) -> bool {
-        self.len() >= self.parameters.budget
-    }
-
-    /// The parameters it was made with.
-    pub fn parameters(&self) -> &Parameters {
-        &self.parameters
-    }
-
-    /// The support vectors, `d × m`.
-    pub fn members(&self) -> MatRef<'_, T> {
-        self.members.as_ref()
-    }
-
-    /// Squared norms of the support vectors, `m`.
-    pub fn norms(&self) -> &[f64] {
-        &self.norms
-    }
-
-    /// The Cholesky factor `L` of the kernel matrix, `m × m`, lower triangular.
-    pub fn factor(&self) -> MatRef<'_, f64> {
-        self.factor.as_ref()
-    }
-
-    /// Kernel rows `k(x)` of observations against all support vectors: `x: d × n` gives `m × n`.
-    ///
-    /// # Errors
-    /// Observations of another length.
-    pub fn kernel_rows(&self, x: MatRef<'_, T>) -> Result<Mat<f64>, DictionaryError> {
-        self.check(x)?;
-        self.rows_from(0, x, &squared_norms(x))
-    }
-
-    /// Newton coordinates `v(x) = L⁻¹k(x)` without growing: `x: d × n` gives `m × n`.
-    ///
-    /// # Errors
-    /// Observations of another length, or not finite.
-    pub fn coordinates(&self, x: MatRef<'_, T>) -> Result<Mat<f64>, DictionaryError> {
-        let mut v = self.kernel_rows(x)?;
-        solve_lower_triangular_in_place(self.factor.as_ref(), v.as_mut(), self.parameters.par);
-        Ok(v)
-    }
-
-    /// The coordinates that observations got by growth: rows `old.nrows() .. m` of `v(x)`, given the earlier ones.
-    ///
-    /// # Shapes
-    /// `x: d × n`, `old: m₀ × n` with `m₀ ≤ m`; the result is `(m − m₀) × n`.
-    ///
-    /// # Errors
-    /// Shapes that do not fit.
-    pub fn new_coordinates(
-        &self,
+    /// Take the observations that `wanted(i, ε)` names, while the budget allows it or other members can make room.
+    pub(super) fn take(
+        &mut self,
         x: MatRef<'_, T>,
-        norms: &[f64],
-        old: MatRef<'_, f64>,
-    ) -> Result<Mat<f64>, DictionaryError> {
-        let (before, m) = (old.nrows(), self.len());
-        let mut rows = self.rows_from(before, x, norms)?;
-        let par = self.parameters.par;
-        let factor = self.factor.as_ref();
-        matmul(rows.as_mut(), Accum::Add, factor.submatrix(before, 0, m - before, before), old, -1.0, par);
-        let corner = factor.submatrix(before, before, m - before, m - before);
-        solve_lower_triangular_in_place(corner, rows.as_mut(), par);
-        Ok(rows)
+        wanted: impl Fn(usize, f64) -> bool,
+    ) -> Result<Block, DictionaryError> {
+        let stops = self.when_full == WhenFull::Stop;
+        let mut room = self.budget.saturating_sub(self.dictionary.len());
+        self.dictionary.grow(x, |index, residual| {
+            let accepted = wanted(index, residual) && (room > 0 || !stops);
+            room = room.saturating_sub(usize::from(accepted));
+            accepted
+        })
     }
 
-    /// Judge a block of observations in their order, and accept those with `ε(x) > ν` while the budget lasts.
-    ///
-    /// # Shapes
-    /// `x: d × b`.
-    ///
-    /// # Errors
-    /// Observations of another length than earlier ones, or with values that are not finite; nothing is changed then.
-    pub fn observe(&mut self, x: MatRef<'_, T>) -> Result<Block, DictionaryError> {
-        self.check(x)?;
-        let norms = squared_norms(x);
-        if let Some(bad) = norms.iter().position(|norm| !norm.is_finite()) {
-            return Err(DictionaryError::NotFinite(bad));
+    /// The members that ALD with threshold `nu` keeps, when it meets them in their order.
+    fn survivors(&self, nu: f64) -> Result<Vec<usize>, DictionaryError> {
+        let members = self.dictionary.members();
+        let mut thinner = Dictionary::new(self.dictionary.kernel(), self.budget, self.dictionary.par());
+        let mut kept = Vec::new();
+        for start in (0..members.ncols()).step_by(BLOCK) {
+            let part = members.subcols(start, BLOCK.min(members.ncols() - start));
+            let block = thinner.grow(part, |_, residual| residual > nu)?;
+            kept.extend(block.accepted.iter().map(|index| start + index));
         }
-        let Parameters { kernel, nu, budget, par } = self.parameters;
-        let (m, b) = (self.len(), x.ncols());
-        let mut known = self.rows_from(0, x, &norms)?;
-        let mut nearest: Vec<(usize, f64)> = (0..b).map(|j| largest((0..m).map(|i| known[(i, j)]))).collect();
-        solve_lower_triangular_in_place(self.factor.as_ref(), known.as_mut(), par);
+        Ok(kept)
+    }
 
-        // Schur complement of the block: what its members have in common beyond the dictionary.
-        let common = kernel.matrix(x, &norms, x, &norms, par)?;
-        let mut schur = common.clone();
-        matmul(schur.as_mut(), Accum::Add, known.transpose(), known.as_ref(), -1.0, par);
-
-        let mut residuals = Vec::with_capacity(b);
-        let mut accepted = Vec::new();
-        let mut fresh: Vec<Vec<f64>> = Vec::new();
-        for i in 0..b {
-            let residual = schur[(i, i)].max(0.0);
-            residuals.push(residual);
-            if residual <= nu || m + accepted.len() >= budget {
-                continue;
+    fn raise_nu(&mut self) -> Result<Vec<usize>, DictionaryError> {
+        let room = (self.budget - self.budget.div_ceil(4)).max(1);
+        loop {
+            self.nu *= RAISE;
+            let mut kept = self.survivors(self.nu)?;
+            if kept.is_empty() {
+                // A budget of one: above k(x, x) nothing is accepted any more. The first stays.
+                kept.push(0);
             }
-            for (j, best) in nearest.iter_mut().enumerate().skip(i) {
-                if common[(i, j)] > best.1 {
-                    *best = (m + accepted.len(), common[(i, j)]);
+            if kept.len() <= room {
+                return Ok(kept);
+            }
+        }
+    }
+
+    /// The members that are left when the least independent one leaves, again and again, down to the budget.
+    fn most_independent(&self) -> Vec<usize> {
+        let m = self.dictionary.len();
+        let mut inverse = Mat::<f64>::zeros(m, m);
+        invert_lower_triangular(inverse.as_mut(), self.dictionary.factor(), self.dictionary.par());
+        // K⁻¹ = L⁻ᵀL⁻¹.
+        let mut precision = inverse.transpose() * &inverse;
+        let mut here: Vec<usize> = (0..m).collect();
+        while here.len() > self.budget {
+            let of = |&(_, &place): &(usize, &usize)| precision[(place, place)];
+            let Some((turn, &worst)) = here.iter().enumerate().max_by(|a, b| of(a).total_cmp(&of(b))) else { break };
+            // The inverse without row and column `worst`: a rank-one step.
+            let column = precision.col(worst).to_owned();
+            let pivot = column[worst];
+            for &j in &here {
+                let share = column[j] / pivot;
+                for &i in &here {
+                    precision[(i, j)] -= column[i] * share;
                 }
             }
-            let root = residual.sqrt();
-            let coordinate: Vec<f64> = (0..b).map(|j| schur[(i, j)] / root).collect();
-            for (j, &of_column) in coordinate.iter().enumerate() {
-                for (h, &of_row) in coordinate.iter().enumerate() {
-                    schur[(h, j)] -= of_row * of_column;
-                }
-            }
-            accepted.push(i);
-            fresh.push(coordinate);
+            here.remove(turn);
         }
-
-        let coordinates = Mat::from_fn(m + fresh.len(), b, |i, j| if i < m { known[(i, j)] } else { fresh[i - m][j] });
-        self.extend(x, &norms, &coordinates, &accepted);
-        Ok(Block { coordinates, residuals, accepted, nearest: nearest.into_iter().map(|best| best.0).collect() })
-    }
-
-    /// Append accepted observations; their coordinates are the new rows of `L`.
-    fn extend(&mut self, x: MatRef<'_, T>, norms: &[f64], coordinates: &Mat<f64>, accepted: &[usize]) {
-        let (before, after) = (self.len(), self.len() + accepted.len());
-        if before == after {
-            return;
-        }
-        self.reserve(x.nrows(), after);
-        self.members.resize_with(x.nrows(), after, |i, j| x[(i, accepted[j - before])]);
-        self.factor.resize_with(after, after, |_, _| 0.0);
-        for (offset, &index) in accepted.iter().enumerate() {
-            let row = before + offset;
-            for column in 0..=row {
-                self.factor[(row, column)] = coordinates[(column, index)];
-            }
-            self.norms.push(norms[index]);
-        }
-    }
-
-    /// Grow the storage by half of its size, so that appending does not copy everything each time.
-    fn reserve(&mut self, d: usize, m: usize) {
-        if m > self.capacity {
-            self.capacity = (m + m / 2 + 64).min(self.parameters.budget).max(m);
-            self.members.reserve(d, self.capacity);
-            self.factor.reserve(self.capacity, self.capacity);
-        }
-    }
-
-    fn rows_from(&self, first: usize, x: MatRef<'_, T>, norms: &[f64]) -> Result<Mat<f64>, DictionaryError> {
-        if self.is_empty() {
-            return Ok(Mat::zeros(0, x.ncols()));
-        }
-        let members = self.members.as_ref().subcols(first, self.len() - first);
-        Ok(self.parameters.kernel.matrix(members, &self.norms[first..], x, norms, self.parameters.par)?)
-    }
-
-    fn check(&self, x: MatRef<'_, T>) -> Result<(), DictionaryError> {
-        if !self.is_empty() && x.nrows() != self.members.nrows() {
-            return Err(DictionaryError::Dimension { expected: self.members.nrows(), found: x.nrows() });
-        }
-        Ok(())
+        here
     }
 }
 
-/// Place and value of the largest entry; (0, −∞) if there is none.
-fn largest(values: impl Iterator<Item = f64>) -> (usize, f64) {
-    values.enumerate().fold((0, f64::NEG_INFINITY), |best, entry| if entry.1 > best.1 { entry } else { best })
+impl<T: Scalar> Selection<T> for Ald<T> {
+    fn dictionary(&self) -> &Dictionary<T> {
+        &self.dictionary
+    }
+
+    fn is_streaming(&self) -> bool {
+        true
+    }
+
+    fn observe(&mut self, x: MatRef<'_, T>) -> Result<Block, DictionaryError> {
+        let nu = self.nu;
+        self.take(x, |_, residual| residual > nu)
+    }
+
+    fn budget(&self) -> usize {
+        self.budget
+    }
+
+    fn is_full(&self) -> bool {
+        self.when_full != WhenFull::RaiseNu && self.dictionary.len() >= self.budget
+    }
+
+    fn is_over_budget(&self) -> bool {
+        self.dictionary.len() > self.budget
+    }
+
+    fn thin(&mut self) -> Result<Option<Thinning>, DictionaryError> {
+        if !self.is_over_budget() {
+            return Ok(None);
+        }
+        let keep = match self.when_full {
+            WhenFull::RaiseNu => self.raise_nu()?,
+            WhenFull::Replace | WhenFull::Stop => self.most_independent(),
+        };
+        self.dictionary.keep(&keep).map(Some)
+    }
+
+    fn nu(&self) -> Option<f64> {
+        Some(self.nu)
+    }
 }

@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 /// The number type of observations: `f32` or `f64`.
-pub trait Scalar: faer::traits::ComplexField + Copy + Into<f64> {}
+pub trait Scalar: faer::traits::ComplexField + Copy + Into<f64> + Send + Sync + 'static {}
 
 impl Scalar for f32 {}
 impl Scalar for f64 {}
@@ -108,6 +108,11 @@ impl Kernel {
         } else {
             (-scaled.powf(0.5 * self.exponent)).exp()
         }
+    }
+
+    /// `k(x, x)` of an observation, from its squared norm.
+    pub fn diagonal(&self, _squared_norm: f64) -> f64 {
+        1.0
     }
 
     /// Kernel values between two sets of observations.

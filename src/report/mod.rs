@@ -97,8 +97,8 @@ pub struct Dictionary {
     pub support_vectors: usize,
     /// Kernel width, grey levels.
     pub sigma: f64,
-    /// Acceptance threshold.
-    pub nu: f64,
+    /// Acceptance threshold at the end; `None` for a random selection.
+    pub nu: Option<f64>,
 }
 
 /// The newest features.
@@ -167,7 +167,7 @@ impl Report {
             dictionary: learned.map(|learned| Dictionary {
                 support_vectors: outcome.support_vectors,
                 sigma: learned.model.kernel.sigma(),
-                nu: scenario.dictionary.nu,
+                nu: outcome.nu,
             }),
             model: learned.map(|learned| Model {
                 epoch: learned.epoch,

@@ -40,10 +40,10 @@ pub fn table(report: &Report) -> String {
         (Some(dictionary), Some(model)) => {
             let _ = writeln!(
                 text,
-                "{} support vectors (sigma {:.0}, nu {}), model {}: {} features, slowness {:.3} to {:.1} /s²",
+                "{} support vectors (sigma {:.0}, {}), model {}: {} features, slowness {:.3} to {:.1} /s²",
                 Numbered(dictionary.support_vectors as u64),
                 dictionary.sigma,
-                dictionary.nu,
+                dictionary.nu.map_or("at random".to_owned(), |nu| format!("nu {}", three_digits(nu))),
                 model.epoch,
                 model.features,
                 model.slowness.first().copied().unwrap_or(f64::NAN),
@@ -128,4 +128,10 @@ pub fn tasks_table(tasks: &[TaskResult], pose: Option<&PoseDecode>) -> String {
         );
     }
     text
+}
+
+/// A positive number to three significant digits.
+fn three_digits(value: f64) -> f64 {
+    let scale = 10f64.powi(2 - value.log10().floor() as i32);
+    (value * scale).round() / scale
 }

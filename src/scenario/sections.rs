@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::keys::{Range, Reader, Section};
+use crate::dictionary::WhenFull;
 use crate::log::{Compression, MAX_CHUNK_TARGET_BYTES};
 
 /// A checked scenario.
@@ -173,22 +174,35 @@ pub struct Vision {
 /// `[dictionary]`
 #[derive(Debug, Clone, PartialEq)]
 pub struct Dictionary {
+    /// How support vectors are chosen.
+    pub selection: SelectionRule,
     /// Exponent of the radial kernel.
     pub exponent: f64,
-    /// Kernel width in grey levels; `None`: from the median distance of the first frames.
+    /// Kernel width in grey levels; `None`: the one at which `sigma_share` of the first frames become support vectors.
     pub sigma: Option<f64>,
-    /// With an automatic width: this many times the median distance.
-    pub sigma_factor: f64,
+    /// With an automatic width: the share of the first frames that become support vectors.
+    pub sigma_share: f64,
     /// With an automatic width: measured over this many first frames.
     pub sigma_frames: usize,
     /// Acceptance threshold ν.
     pub nu: f64,
     /// Largest number of support vectors.
     pub budget: usize,
+    /// What happens when there are that many.
+    pub when_full: WhenFull,
     /// Frames that are handled together.
     pub block_frames: usize,
     /// Frames whose coordinates are kept for filling in new ones.
     pub retained_frames: usize,
+}
+
+/// How support vectors are chosen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SelectionRule {
+    /// Approximate linear dependence.
+    Ald,
+    /// A random sample of all frames so far.
+    Random,
 }
 
 /// `[slow]`
@@ -532,9 +546,15 @@ impl Vision {
 
 impl Dictionary {
     fn read(s: &mut Section<'_, '_>) -> Self {
-        s.choice("selection", 0, &[("ald", ())], "how support vectors are chosen");
+        let selection = s.choice(
+            "selection",
+            0,
+            &[("ald", SelectionRule::Ald), ("random", SelectionRule::Random)],
+            "how support vectors are chosen: what the others do not span up to nu, or a random sample of all frames",
+        );
         let exponent = s.choice("kernel", 0, &[("gaussian", 2.0), ("laplacian", 1.0)], "radial kernel");
         Dictionary {
+            selection,
             exponent,
             sigma: s.number_or_auto(
                 "sigma",
@@ -542,16 +562,22 @@ impl Dictionary {
                 Range::above(0.0, 1e9),
                 "kernel width, as a distance of observations",
             ),
-            sigma_factor: s.number(
-                "sigma_factor",
-                1.15,
+            sigma_share: s.number(
+                "sigma_share",
+                0.65,
                 "",
-                Range::above(0.0, 1000.0),
-                "sigma = \"auto\": times the median distance of the first frames",
+                Range::above(0.0, 1.0),
+                "sigma = \"auto\": the width at which this share of the first frames become support vectors",
             ),
             sigma_frames: s.count("sigma_frames", 1000, "frames", 2, 5000, "sigma = \"auto\": first frames"),
             nu: s.number("nu", 0.01, "", Range::above(0.0, 0.999), "a frame is accepted when its residual is above"),
-            budget: s.count("budget", 2000, "", 10, 20_000, "largest number of support vectors; then growth stops"),
+            budget: s.count("budget", 2000, "", 10, 20_000, "largest number of support vectors"),
+            when_full: s.choice(
+                "when_full",
+                0,
+                &[("stop", WhenFull::Stop), ("raise_nu", WhenFull::RaiseNu), ("replace", WhenFull::Replace)],
+                "selection = \"ald\", at the budget: stop growing, raise nu and thin out, or let the least independent go",
+            ),
             block_frames: s.count("block_frames", 128, "frames", 1, 4096, "frames that are handled together"),
             retained_frames: s.count(
                 "retained_frames",

@@ -7,7 +7,7 @@ use faer::linalg::triangular_solve::solve_upper_triangular_in_place;
 use faer::{Accum, Mat, MatRef, Par};
 
 use super::solve::{SlowError, SlowFeatures};
-use crate::dictionary::Dictionary;
+use crate::dictionary::{Dictionary, FeatureMap};
 use crate::kernel::{Kernel, Scalar, squared_norms};
 
 /// Slow features over the support vectors of one moment, independent of the dictionary's further growth.
@@ -37,7 +37,7 @@ impl<T: Scalar> SlowModel<T> {
         solve_upper_triangular_in_place(dictionary.factor().transpose(), projection.as_mut(), Par::Seq);
         let centre = features.weights.transpose() * &features.mean;
         Self::from_parts(
-            dictionary.parameters().kernel,
+            dictionary.kernel(),
             dictionary.members().to_owned(),
             projection,
             (0..centre.nrows()).map(|i| centre[(i, 0)]).collect(),
@@ -64,6 +64,12 @@ impl<T: Scalar> SlowModel<T> {
         SlowError::unless_fits("the length of the slowness", slowness.len(), projection.ncols())?;
         let norms = squared_norms(members.as_ref());
         Ok(SlowModel { kernel, members: Arc::new(members), projection, offset, slowness, norms })
+    }
+
+    /// The features as a space to judge observations in, for [`FeatureAld`](crate::dictionary::FeatureAld).
+    pub fn feature_map(&self) -> FeatureMap<T> {
+        let model = self.clone();
+        FeatureMap::new(move |x| model.apply(x, Par::Seq).map_err(|error| error.to_string()))
     }
 
     /// Number of features, the constant one included: `k + 1`.

@@ -7,6 +7,8 @@
 use faer::linalg::matmul::triangular::{BlockStructure, matmul as triangular_matmul};
 use faer::{Accum, Mat, MatRef, Par};
 
+use crate::dictionary::{DictionaryError, Thinning};
+
 /// How a frame follows the one before it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Link {
@@ -116,6 +118,32 @@ impl Moments {
         for matrix in [&mut self.sum, &mut self.square, &mut self.derivative] {
             *matrix *= faer::Scale(factor);
         }
+    }
+
+    /// Follow a dictionary that lost support vectors: the sums over the coordinates in the smaller one, exactly.
+    ///
+    /// # Errors
+    /// A thinning of another number of coordinates.
+    pub fn thin(&mut self, thinning: &Thinning) -> Result<(), DictionaryError> {
+        let (from, before, after) = (thinning.from, thinning.before(), thinning.keep.len());
+        if before != self.size() {
+            let what = "the number of coordinates in the sums";
+            return Err(DictionaryError::Shape { what, found: self.size(), expected: before });
+        }
+        self.sum = thinning.apply(self.sum.as_ref())?;
+        let rotation = thinning.rotation.as_ref();
+        for matrix in [&mut self.square, &mut self.derivative] {
+            let cross = rotation * matrix.submatrix(from, 0, before - from, from);
+            let corner = symmetric(before - from, |i, j| matrix[(from + i, from + j)]);
+            let turned = rotation * corner * rotation.transpose();
+            *matrix = Mat::from_fn(after, after, |i, j| match (i.checked_sub(from), j.checked_sub(from)) {
+                _ if j > i => 0.0,
+                (Some(row), Some(column)) => turned[(row, column)],
+                (Some(row), None) => cross[(row, j)],
+                _ => matrix[(i, j)],
+            });
+        }
+        Ok(())
     }
 
     /// Mean coordinates `v̄`, `m × 1`.

@@ -12,6 +12,7 @@ use faer::{Mat, MatRef, Par, Side};
 use thiserror::Error;
 
 use super::moments::Moments;
+use crate::dictionary::{DictionaryError, Thinning};
 use crate::kernel::KernelError;
 
 /// Why slow features could not be solved.
@@ -83,6 +84,18 @@ impl SlowError {
     /// Refuse what has another size than needed.
     pub(super) fn unless_fits(what: &'static str, found: usize, expected: usize) -> Result<(), SlowError> {
         if found == expected { Ok(()) } else { Err(SlowError::Shape { what, found, expected }) }
+    }
+}
+
+impl SlowFeatures {
+    /// The same features, as nearly as a dictionary can hold them that lost support vectors since.
+    ///
+    /// # Errors
+    /// A thinning of fewer coordinates than the features have.
+    pub fn follow(&mut self, thinning: &Thinning) -> Result<(), DictionaryError> {
+        self.weights = thinning.apply(self.weights.as_ref())?;
+        self.mean = thinning.apply(self.mean.as_ref())?;
+        Ok(())
     }
 }
 

@@ -9,20 +9,24 @@ use std::collections::VecDeque;
 use faer::{Mat, MatRef};
 
 use super::moments::{Link, Moments, rates};
-use crate::dictionary::{Block, Dictionary, DictionaryError, Parameters};
+use crate::dictionary::{Block, Dictionary, DictionaryError, FeatureMap, Selection, Thinning};
 use crate::kernel::{Scalar, squared_norms};
 
 /// Options of a [`SlowStream`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Options {
-    /// The dictionary.
-    pub dictionary: Parameters,
     /// Frames whose coordinates are kept for filling in; memory is `retained · (8 m + d · size of a value)` bytes.
     pub retained: usize,
     /// Frames fade with this time constant, in frames; `None`: they never do.
     pub memory_frames: Option<f64>,
     /// New support vectors are settled at the latest when this many have gathered.
     pub settle_at: usize,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Options { retained: 20_000, memory_frames: None, settle_at: 128 }
+    }
 }
 
 /// A block of frames that is retained.
@@ -38,33 +42,69 @@ struct Retained<T: Scalar> {
 }
 
 /// Dictionary, moments and retained frames.
-#[derive(Debug, Clone)]
+///
+/// Any [`Selection`] that streams can fill the dictionary. Where one lets support vectors leave, coordinates and sums
+/// follow by an orthogonal projection: exactly, and without the frames themselves.
+#[derive(Debug)]
 pub struct SlowStream<T: Scalar> {
     options: Options,
-    dictionary: Dictionary<T>,
+    selection: Box<dyn Selection<T>>,
     moments: Moments,
     retained: VecDeque<Retained<T>>,
     frames: usize,
+    thinnings: Vec<Thinning>,
 }
 
 impl<T: Scalar> SlowStream<T> {
-    /// An empty stream.
+    /// A stream of frames into the dictionary of a selection, which has to be empty.
     ///
     /// # Errors
-    /// Invalid dictionary parameters.
-    pub fn new(options: Options) -> Result<Self, DictionaryError> {
+    /// A selection that does not stream, or one that has begun already: its frames are not known here.
+    pub fn new(selection: impl Selection<T> + 'static, options: Options) -> Result<Self, DictionaryError> {
+        Self::from_boxed(Box::new(selection), options)
+    }
+
+    /// As [`SlowStream::new`], for a selection that is chosen when the program runs.
+    ///
+    /// # Errors
+    /// Those of [`SlowStream::new`].
+    pub fn from_boxed(selection: Box<dyn Selection<T>>, options: Options) -> Result<Self, DictionaryError> {
+        if !selection.is_streaming() || !selection.dictionary().is_empty() {
+            let members = selection.dictionary().len();
+            return Err(DictionaryError::NotForStreams { streaming: selection.is_streaming(), members });
+        }
         Ok(SlowStream {
-            dictionary: Dictionary::new(options.dictionary)?,
-            moments: Moments::new(options.dictionary.par),
+            moments: Moments::new(selection.dictionary().par()),
+            selection,
             retained: VecDeque::new(),
             frames: 0,
+            thinnings: Vec::new(),
             options,
         })
     }
 
     /// The dictionary.
     pub fn dictionary(&self) -> &Dictionary<T> {
-        &self.dictionary
+        self.selection.dictionary()
+    }
+
+    /// What fills the dictionary.
+    pub fn selection(&self) -> &dyn Selection<T> {
+        self.selection.as_ref()
+    }
+
+    /// New features for a selection that judges by them.
+    ///
+    /// # Errors
+    /// Features that cannot be computed for the support vectors.
+    pub fn adopt(&mut self, features: FeatureMap<T>) -> Result<(), DictionaryError> {
+        self.selection.adopt(features)
+    }
+
+    /// What became of coordinates since the last call, oldest first: weights over earlier coordinates follow by
+    /// [`SlowFeatures::follow`](super::SlowFeatures::follow).
+    pub fn take_thinnings(&mut self) -> Vec<Thinning> {
+        std::mem::take(&mut self.thinnings)
     }
 
     /// Number of frames seen.
@@ -92,7 +132,7 @@ impl<T: Scalar> SlowStream<T> {
         if x.ncols() != links.len() {
             return Err(DictionaryError::Links { found: links.len(), expected: x.ncols() });
         }
-        let block = self.dictionary.observe(x)?;
+        let mut block = self.selection.observe(x)?;
         if x.ncols() == 0 {
             return Ok(block);
         }
@@ -123,11 +163,29 @@ impl<T: Scalar> SlowStream<T> {
             links,
             weight: 1.0,
         });
-        if self.dictionary.len() - known >= self.options.settle_at {
+        if self.dictionary().len() - known >= self.options.settle_at {
             self.settle()?;
         }
         self.forget()?;
+        self.thin(&mut block)?;
         Ok(block)
+    }
+
+    /// Let support vectors leave where the selection has taken too many.
+    fn thin(&mut self, block: &mut Block) -> Result<(), DictionaryError> {
+        if !self.selection.is_over_budget() {
+            return Ok(());
+        }
+        self.settle()?;
+        if let Some(thinning) = self.selection.thin()? {
+            self.moments.thin(&thinning)?;
+            for chunk in &mut self.retained {
+                chunk.v = thinning.apply(chunk.v.as_ref())?;
+            }
+            block.coordinates = thinning.apply(block.coordinates.as_ref())?;
+            self.thinnings.push(thinning);
+        }
+        Ok(())
     }
 
     /// Fill in the coordinates that retained frames got by growth, and bring the moments up to date.
@@ -135,16 +193,17 @@ impl<T: Scalar> SlowStream<T> {
     /// # Errors
     /// None that a stream of accepted blocks can meet.
     pub fn settle(&mut self) -> Result<(), DictionaryError> {
-        let (from, m) = (self.moments.size(), self.dictionary.len());
+        let (from, m) = (self.moments.size(), self.dictionary().len());
         if from == m {
             return Ok(());
         }
         for chunk in &mut self.retained {
             let had = chunk.v.nrows();
             if had < m {
-                let new = self.dictionary.new_coordinates(chunk.x.as_ref(), &chunk.norms, chunk.v.as_ref())?;
+                let new =
+                    self.selection.dictionary().new_coordinates(chunk.x.as_ref(), &chunk.norms, chunk.v.as_ref())?;
                 if m > chunk.v.col_stride().unsigned_abs() {
-                    let capacity = (m + m / 4).min(self.options.dictionary.budget).max(m);
+                    let capacity = (m + m / 4).min(self.selection.budget()).max(m);
                     chunk.v.reserve(capacity, chunk.v.ncols());
                 }
                 let columns = chunk.v.ncols();

@@ -10,8 +10,9 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde_json::Value;
 
-use adagio::dictionary::Parameters;
+use adagio::dictionary::{Ald, Parameters, WhenFull};
 use adagio::kernel::Kernel;
+use adagio::slow::{Link, Moments};
 
 pub fn generator(seed: u64) -> ChaCha8Rng {
     ChaCha8Rng::seed_from_u64(seed)
@@ -32,7 +33,46 @@ pub fn random_path(d: usize, n: usize, seed: u64) -> Mat<f64> {
 }
 
 pub fn parameters(sigma: f64, nu: f64, budget: usize) -> Parameters {
-    Parameters { kernel: Kernel::gaussian(sigma).unwrap(), nu, budget, par: Par::Seq }
+    Parameters { kernel: Kernel::gaussian(sigma).unwrap(), nu, budget, when_full: WhenFull::Stop, par: Par::Seq }
+}
+
+pub fn ald(sigma: f64, nu: f64, budget: usize) -> Ald<f64> {
+    Ald::new(parameters(sigma, nu, budget)).unwrap()
+}
+
+/// Moments of a whole series at once, by their definition.
+pub fn batch_moments(v: MatRef<'_, f64>, links: &[Option<Link>]) -> Moments {
+    let mut moments = Moments::new(Par::Seq);
+    moments.widen(v.nrows());
+    let linked: Vec<(usize, Link)> = links.iter().enumerate().filter_map(|(t, l)| l.map(|l| (t, l))).collect();
+    let rates = Mat::from_fn(v.nrows(), linked.len(), |i, j| {
+        let (t, link) = linked[j];
+        link.weight.sqrt() * (v[(i, t)] - v[(i, t - 1)]) / link.dt
+    });
+    moments.add(v, rates.as_ref(), linked.iter().map(|(_, l)| l.weight).sum());
+    moments
+}
+
+/// Links of random length and weight, with a gap now and then.
+pub fn random_links(n: usize, seed: u64) -> Vec<Option<Link>> {
+    let mut rng = generator(seed);
+    (0..n)
+        .map(|t| {
+            let linked = t > 0 && rng.random_range(0.0..1.0) < 0.9;
+            let link = Link { dt: rng.random_range(0.1..1.0), weight: rng.random_range(0.2..5.0) };
+            linked.then_some(link)
+        })
+        .collect()
+}
+
+/// Mean, covariance and rate agree to a relative tolerance.
+pub fn assert_same_moments(a: &Moments, b: &Moments, tolerance: f64) {
+    assert_eq!(a.size(), b.size());
+    assert!((a.frames() - b.frames()).abs() < 1e-9 && (a.links() - b.links()).abs() < 1e-9);
+    for (a, b) in [(a.mean(), b.mean()), (a.covariance(), b.covariance()), (a.rate(), b.rate())] {
+        let difference = relative_difference(a.as_ref(), b.as_ref());
+        assert!(difference < tolerance, "moments differ by {difference}");
+    }
 }
 
 /// Largest difference of two matrices, as a share of the largest entry of the second.

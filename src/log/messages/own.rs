@@ -77,7 +77,7 @@ pub struct DictionaryGrowth {
     pub size: u32,
     /// Width of the kernel.
     pub sigma: f64,
-    /// Threshold of acceptance.
+    /// Threshold of acceptance; NaN for a random selection.
     pub nu: f64,
     /// The budget is used up; nothing more is accepted.
     pub at_budget: bool,

@@ -1,0 +1,375 @@
+//! The dictionary itself: support vectors, the Cholesky factor of their kernel matrix, and Newton coordinates.
+//!
+//! The factor `L` grows by the row `[v(x)ᵀ, √ε(x)]` when `x` becomes a support vector, so coordinates that exist never
+//! change. The inverse of `K`, which the thesis carries by the Woodbury identity (§2.2.6, algorithm 2), drifts at small ν
+//! and then accepts other vectors; the factor does not.
+//!
+//! A block of observations costs one matrix product and one triangular solve; what the block's own members do to each
+//! other is settled by a partial Cholesky factorisation of the block's Schur complement, in the order of the observations.
+//! It accepts exactly what handling them one after the other accepts.
+//!
+//! Support vectors can leave again ([`Dictionary::keep`]). The Newton coordinates of the smaller set are an orthogonal
+//! projection of those of the larger one, so everything that was summed over coordinates follows exactly.
+
+use faer::linalg::matmul::matmul;
+use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
+use faer::{Accum, Mat, MatRef, Par};
+
+use super::DictionaryError;
+use crate::kernel::{Kernel, Scalar, squared_norms};
+
+/// What a block of observations did.
+#[derive(Debug, Clone)]
+pub struct Block {
+    /// Newton coordinates of the block in the dictionary as it is *after* the block, `m × b`.
+    pub coordinates: Mat<f64>,
+    /// Residual `ε(x)` of each observation at the moment it was judged, in [0, k(x, x)]: a novelty signal.
+    pub residuals: Vec<f64>,
+    /// Which observations of the block became support vectors, in the order in which they did.
+    pub accepted: Vec<usize>,
+    /// The serial number of the support vector with the largest kernel value, among those accepted up to the observation.
+    /// For radial kernels that is the nearest one.
+    pub nearest: Vec<usize>,
+}
+
+/// What became of the coordinates when support vectors left.
+///
+/// The first `from` coordinates stay as they are. The others are projected by `rotation`, whose rows are orthonormal.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Thinning {
+    /// Places of the support vectors that stayed, ascending.
+    pub keep: Vec<usize>,
+    /// Coordinates before this one did not change.
+    pub from: usize,
+    /// `(m′ − from) × (m − from)`, orthonormal rows.
+    pub rotation: Mat<f64>,
+}
+
+impl Thinning {
+    /// Number of coordinates before, `m`.
+    pub fn before(&self) -> usize {
+        self.from + self.rotation.ncols()
+    }
+
+    /// Coordinates (or weights of functions over them) in the smaller dictionary.
+    ///
+    /// # Shapes
+    /// `v: p × n` with `p ≤ m`; missing rows count as zero, as for observations that never got them. The result is `m′ × n`.
+    ///
+    /// # Errors
+    /// More rows than there were coordinates.
+    pub fn apply(&self, v: MatRef<'_, f64>) -> Result<Mat<f64>, DictionaryError> {
+        if v.nrows() > self.before() {
+            return Err(DictionaryError::Shape {
+                what: "the number of coordinates",
+                found: v.nrows(),
+                expected: self.before(),
+            });
+        }
+        let same = self.from.min(v.nrows());
+        let tail = v.subrows(same, v.nrows() - same);
+        let turned = self.rotation.as_ref().subcols(0, tail.nrows()) * tail;
+        Ok(Mat::from_fn(self.from + turned.nrows(), v.ncols(), |i, j| match i.checked_sub(self.from) {
+            Some(row) => turned[(row, j)],
+            None if i < same => v[(i, j)],
+            None => 0.0,
+        }))
+    }
+}
+
+/// A set of support vectors with its Cholesky factor.
+///
+/// It knows how to grow and to shrink; *which* observations it takes is the business of a [`Selection`](super::Selection).
+///
+/// # Reference
+/// The Newton basis: Müller & Schaback 2009; the factor instead of the inverse: DESIGN §2.
+#[derive(Debug, Clone)]
+pub struct Dictionary<T: Scalar> {
+    kernel: Kernel,
+    par: Par,
+    /// `d × m`.
+    members: Mat<T>,
+    /// Squared norms of the members.
+    norms: Vec<f64>,
+    /// How many were accepted before each member.
+    serials: Vec<usize>,
+    /// Number of observations that were ever accepted.
+    accepted: usize,
+    /// Lower triangle holds `L`, `m × m`; what stands above the diagonal is zero.
+    factor: Mat<f64>,
+    /// Support vectors for which there is storage.
+    capacity: usize,
+    /// Storage is not reserved beyond this, unless it is needed.
+    expected: usize,
+}
+
+/// Residuals below this share of `k(x, x)` are rounding: such an observation is a combination of the support vectors, and
+/// would make the factor singular.
+const ROUNDING: f64 = 1e-14;
+
+impl<T: Scalar> Dictionary<T> {
+    /// An empty dictionary, expected to grow to `expected` support vectors. `par`: threads for the matrix products.
+    pub fn new(kernel: Kernel, expected: usize, par: Par) -> Self {
+        Dictionary {
+            kernel,
+            par,
+            members: Mat::new(),
+            norms: Vec::new(),
+            serials: Vec::new(),
+            accepted: 0,
+            factor: Mat::new(),
+            capacity: 0,
+            expected,
+        }
+    }
+
+    /// Number of support vectors `m`.
+    pub fn len(&self) -> usize {
+        self.norms.len()
+    }
+
+    /// Whether nothing was accepted yet.
+    pub fn is_empty(&self) -> bool {
+        self.norms.is_empty()
+    }
+
+    /// The kernel.
+    pub fn kernel(&self) -> Kernel {
+        self.kernel
+    }
+
+    /// Threads for the matrix products (their bits do not depend on it).
+    pub fn par(&self) -> Par {
+        self.par
+    }
+
+    /// The support vectors, `d × m`.
+    pub fn members(&self) -> MatRef<'_, T> {
+        self.members.as_ref()
+    }
+
+    /// Squared norms of the support vectors, `m`.
+    pub fn norms(&self) -> &[f64] {
+        &self.norms
+    }
+
+    /// Serial number of each support vector, ascending, `m`: it keeps its number when others leave.
+    pub fn serials(&self) -> &[usize] {
+        &self.serials
+    }
+
+    /// The serial number that the next support vector will get.
+    pub(super) fn next_serial(&self) -> usize {
+        self.accepted
+    }
+
+    /// The Cholesky factor `L` of the kernel matrix, `m × m`, lower triangular.
+    pub fn factor(&self) -> MatRef<'_, f64> {
+        self.factor.as_ref()
+    }
+
+    /// Kernel rows `k(x)` of observations against all support vectors: `x: d × n` gives `m × n`.
+    ///
+    /// # Errors
+    /// Observations of another length.
+    pub fn kernel_rows(&self, x: MatRef<'_, T>) -> Result<Mat<f64>, DictionaryError> {
+        self.check(x)?;
+        self.rows_from(0, x, &squared_norms(x))
+    }
+
+    /// Newton coordinates `v(x) = L⁻¹k(x)` without growing: `x: d × n` gives `m × n`.
+    ///
+    /// # Errors
+    /// Observations of another length, or not finite.
+    pub fn coordinates(&self, x: MatRef<'_, T>) -> Result<Mat<f64>, DictionaryError> {
+        self.check(x)?;
+        let mut v = self.rows_from(0, x, &finite_norms(x)?)?;
+        solve_lower_triangular_in_place(self.factor.as_ref(), v.as_mut(), self.par);
+        Ok(v)
+    }
+
+    /// The coordinates that observations got by growth: rows `old.nrows() .. m` of `v(x)`, given the earlier ones.
+    ///
+    /// # Shapes
+    /// `x: d × n` with `norms: n`, `old: m₀ × n` with `m₀ ≤ m`; the result is `(m − m₀) × n`.
+    ///
+    /// # Errors
+    /// Shapes that do not fit.
+    pub fn new_coordinates(
+        &self,
+        x: MatRef<'_, T>,
+        norms: &[f64],
+        old: MatRef<'_, f64>,
+    ) -> Result<Mat<f64>, DictionaryError> {
+        self.check(x)?;
+        let (before, m) = (old.nrows(), self.len());
+        if before > m {
+            return Err(DictionaryError::Shape { what: "the number of coordinates", found: before, expected: m });
+        }
+        if old.ncols() != x.ncols() {
+            let (found, expected) = (old.ncols(), x.ncols());
+            return Err(DictionaryError::Shape { what: "the number of old coordinates", found, expected });
+        }
+        let mut rows = self.rows_from(before, x, norms)?;
+        let factor = self.factor.as_ref();
+        matmul(rows.as_mut(), Accum::Add, factor.submatrix(before, 0, m - before, before), old, -1.0, self.par);
+        let corner = factor.submatrix(before, before, m - before, m - before);
+        solve_lower_triangular_in_place(corner, rows.as_mut(), self.par);
+        Ok(rows)
+    }
+
+    /// Judge a block of observations in their order: `accept(i, ε)` says whether observation `i`, whose residual is `ε`
+    /// at that moment, becomes a support vector. It is not asked about exact combinations of the support vectors.
+    ///
+    /// # Shapes
+    /// `x: d × b`.
+    ///
+    /// # Errors
+    /// Observations of another length than the support vectors, or with values that are not finite; nothing is changed
+    /// then.
+    pub fn grow(
+        &mut self,
+        x: MatRef<'_, T>,
+        mut accept: impl FnMut(usize, f64) -> bool,
+    ) -> Result<Block, DictionaryError> {
+        self.check(x)?;
+        let norms = finite_norms(x)?;
+        let (m, b) = (self.len(), x.ncols());
+        let mut known = self.rows_from(0, x, &norms)?;
+        let mut nearest: Vec<(usize, f64)> = (0..b)
+            .map(|j| largest((0..m).map(|i| known[(i, j)])))
+            .map(|(i, value)| (self.serials.get(i).copied().unwrap_or(0), value))
+            .collect();
+        solve_lower_triangular_in_place(self.factor.as_ref(), known.as_mut(), self.par);
+
+        // Schur complement of the block: what its members have in common beyond the dictionary.
+        let common = self.kernel.matrix(x, &norms, x, &norms, self.par)?;
+        let mut schur = common.clone();
+        matmul(schur.as_mut(), Accum::Add, known.transpose(), known.as_ref(), -1.0, self.par);
+        if let Some(bad) = (0..b).find(|&j| !schur[(j, j)].is_finite()) {
+            // Finite observations whose kernel values are beyond the range of f64.
+            return Err(DictionaryError::NotFinite(bad));
+        }
+
+        let mut residuals = Vec::with_capacity(b);
+        let mut accepted = Vec::new();
+        let mut fresh: Vec<Vec<f64>> = Vec::new();
+        for i in 0..b {
+            let residual = schur[(i, i)].max(0.0);
+            residuals.push(residual);
+            if residual <= ROUNDING * common[(i, i)] || !accept(i, residual) {
+                continue;
+            }
+            for (j, best) in nearest.iter_mut().enumerate().skip(i) {
+                if common[(i, j)] > best.1 {
+                    *best = (self.accepted + accepted.len(), common[(i, j)]);
+                }
+            }
+            let root = residual.sqrt();
+            let coordinate: Vec<f64> = (0..b).map(|j| schur[(i, j)] / root).collect();
+            for (j, &of_column) in coordinate.iter().enumerate() {
+                for (h, &of_row) in coordinate.iter().enumerate() {
+                    schur[(h, j)] -= of_row * of_column;
+                }
+            }
+            accepted.push(i);
+            fresh.push(coordinate);
+        }
+
+        let coordinates = Mat::from_fn(m + fresh.len(), b, |i, j| if i < m { known[(i, j)] } else { fresh[i - m][j] });
+        self.append(x, &norms, &coordinates, &accepted);
+        Ok(Block { coordinates, residuals, accepted, nearest: nearest.into_iter().map(|best| best.0).collect() })
+    }
+
+    /// Let all support vectors go but those at the places `keep` (ascending), and say what becomes of coordinates.
+    ///
+    /// With `P` the rows that stay, `PL = L′Q` (an LQ factorisation): `L′` is the new factor and `v′ = Qv`. Only what stands
+    /// behind the first one that leaves is touched.
+    ///
+    /// # Errors
+    /// Places that are not ascending or not those of support vectors, and none at all.
+    pub fn keep(&mut self, keep: &[usize]) -> Result<Thinning, DictionaryError> {
+        let m = self.len();
+        if keep.is_empty() || keep.windows(2).any(|pair| pair[0] >= pair[1]) || keep[keep.len() - 1] >= m {
+            return Err(DictionaryError::Keep { found: keep.len(), size: m });
+        }
+        let from = keep.iter().enumerate().take_while(|&(place, &kept)| place == kept).count();
+        let (left, stay) = (m - from, keep.len() - from);
+        // The transposed rows that stay, from their first column that changes: Q R, with R = L′ᵀ.
+        let rows = Mat::from_fn(left, stay, |column, row| self.factor[(keep[from + row], from + column)]);
+        let qr = rows.qr();
+        let (q, r) = (qr.compute_thin_Q(), qr.thin_R());
+        let sign = |row: usize| if r[(row, row)] < 0.0 { -1.0 } else { 1.0 };
+        let rotation = Mat::from_fn(stay, left, |row, column| sign(row) * q[(column, row)]);
+        let factor = Mat::from_fn(keep.len(), keep.len(), |i, j| match (i.checked_sub(from), j.checked_sub(from)) {
+            _ if j > i => 0.0,
+            (Some(row), Some(column)) => sign(column) * r[(column, row)],
+            _ => self.factor[(keep[i], j)],
+        });
+        self.members = Mat::from_fn(self.members.nrows(), keep.len(), |i, j| self.members[(i, keep[j])]);
+        self.norms = keep.iter().map(|&place| self.norms[place]).collect();
+        self.serials = keep.iter().map(|&place| self.serials[place]).collect();
+        self.factor = factor;
+        self.capacity = keep.len();
+        Ok(Thinning { keep: keep.to_vec(), from, rotation })
+    }
+
+    /// Append accepted observations; their coordinates are the new rows of `L`.
+    fn append(&mut self, x: MatRef<'_, T>, norms: &[f64], coordinates: &Mat<f64>, accepted: &[usize]) {
+        let (before, after) = (self.len(), self.len() + accepted.len());
+        if before == after {
+            return;
+        }
+        self.reserve(x.nrows(), after);
+        self.members.resize_with(x.nrows(), after, |i, j| x[(i, accepted[j - before])]);
+        self.factor.resize_with(after, after, |_, _| 0.0);
+        for (offset, &index) in accepted.iter().enumerate() {
+            let row = before + offset;
+            for column in 0..=row {
+                self.factor[(row, column)] = coordinates[(column, index)];
+            }
+            self.norms.push(norms[index]);
+            self.serials.push(self.accepted);
+            self.accepted += 1;
+        }
+    }
+
+    /// Grow the storage by half of its size, so that appending does not copy everything each time.
+    fn reserve(&mut self, d: usize, m: usize) {
+        if m > self.capacity {
+            self.capacity = (m + m / 2 + 64).min(self.expected).max(m);
+            self.members.reserve(d, self.capacity);
+            self.factor.reserve(self.capacity, self.capacity);
+        }
+    }
+
+    fn rows_from(&self, first: usize, x: MatRef<'_, T>, norms: &[f64]) -> Result<Mat<f64>, DictionaryError> {
+        if self.is_empty() {
+            return Ok(Mat::zeros(0, x.ncols()));
+        }
+        let members = self.members.as_ref().subcols(first, self.len() - first);
+        Ok(self.kernel.matrix(members, &self.norms[first..], x, norms, self.par)?)
+    }
+
+    /// Refuse observations of another length than the support vectors.
+    pub(super) fn check(&self, x: MatRef<'_, T>) -> Result<(), DictionaryError> {
+        if !self.is_empty() && x.nrows() != self.members.nrows() {
+            return Err(DictionaryError::Dimension { expected: self.members.nrows(), found: x.nrows() });
+        }
+        Ok(())
+    }
+}
+
+/// Squared norms, all finite.
+pub(super) fn finite_norms<T: Scalar>(x: MatRef<'_, T>) -> Result<Vec<f64>, DictionaryError> {
+    let norms = squared_norms(x);
+    match norms.iter().position(|norm| !norm.is_finite()) {
+        Some(bad) => Err(DictionaryError::NotFinite(bad)),
+        None => Ok(norms),
+    }
+}
+
+/// Place and value of the largest entry; (0, −∞) if there is none.
+fn largest(values: impl Iterator<Item = f64>) -> (usize, f64) {
+    values.enumerate().fold((0, f64::NEG_INFINITY), |best, entry| if entry.1 > best.1 { entry } else { best })
+}

@@ -1,0 +1,58 @@
+//! The one interface of all selections.
+
+use std::fmt::Debug;
+
+use faer::MatRef;
+
+use super::feature_ald::FeatureMap;
+use super::{Block, Dictionary, DictionaryError, Thinning};
+use crate::kernel::Scalar;
+
+/// A dictionary with a rule for what it takes, and for what leaves when the budget is exceeded.
+///
+/// Observations are given in blocks by [`observe`](Selection::observe). Where [`is_over_budget`](Selection::is_over_budget)
+/// says so afterwards, [`thin`](Selection::thin) brings the dictionary back to its budget and tells what becomes of
+/// coordinates; whoever has summed over coordinates applies it to the sums, as [`SlowStream`](crate::slow::SlowStream) does.
+pub trait Selection<T: Scalar>: Debug + Send {
+    /// The support vectors so far.
+    fn dictionary(&self) -> &Dictionary<T>;
+
+    /// Whether it decides on a stream. If not, it needs all observations in one block.
+    fn is_streaming(&self) -> bool;
+
+    /// Judge a block of observations, `d × b`.
+    ///
+    /// # Errors
+    /// Observations of another length than earlier ones, or with values that are not finite; nothing is changed then.
+    fn observe(&mut self, x: MatRef<'_, T>) -> Result<Block, DictionaryError>;
+
+    /// The largest number of support vectors between blocks.
+    fn budget(&self) -> usize;
+
+    /// Whether nothing more will be accepted, or only in exchange for something else.
+    fn is_full(&self) -> bool;
+
+    /// Whether more was accepted than the budget allows, so that [`thin`](Selection::thin) has to be called.
+    fn is_over_budget(&self) -> bool {
+        false
+    }
+
+    /// Bring the dictionary back to its budget. `None` if nothing had to leave.
+    ///
+    /// # Errors
+    /// None that a dictionary of accepted observations can meet.
+    fn thin(&mut self) -> Result<Option<Thinning>, DictionaryError> {
+        Ok(None)
+    }
+
+    /// The threshold ν on the residual at this moment; `None` where there is none.
+    fn nu(&self) -> Option<f64>;
+
+    /// Take new features to judge observations by. Only [`FeatureAld`](super::FeatureAld) has a use for them.
+    ///
+    /// # Errors
+    /// Features that cannot be computed for the support vectors.
+    fn adopt(&mut self, _features: FeatureMap<T>) -> Result<(), DictionaryError> {
+        Ok(())
+    }
+}

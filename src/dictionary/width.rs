@@ -1,0 +1,115 @@
+//! The kernel width at which ALD keeps a given number of support vectors.
+//!
+//! There is no way to tell the number from ν and σ. The thesis (§2.2.6) kept ν, varied σ by hand and repeated the selection
+//! until the number suited. This is that search: a bracket around the median distance, then bisection on a logarithmic
+//! scale.
+
+use faer::{MatRef, Par};
+
+use super::error::check_nu;
+use super::{Dictionary, DictionaryError};
+use crate::kernel::{Kernel, KernelError, Scalar, median_distance};
+
+/// A kernel width and what it came to.
+#[derive(Debug, Clone, PartialEq)]
+pub struct WidthForSize {
+    /// The width, in the units of the observations.
+    pub sigma: f64,
+    /// Support vectors that ALD keeps at it.
+    pub size: usize,
+    /// All widths that were tried, with their sizes, in the order of trying.
+    pub tried: Vec<(f64, usize)>,
+}
+
+/// The bracket grows by this factor.
+const STEP: f64 = 1.5;
+/// The bracket grows at most this often to each side: to widths 10⁷ times the median distance, and its 10⁷th part.
+const STEPS: usize = 40;
+/// The search ends when the ends of the bracket differ by less than this share.
+const RESOLUTION: f64 = 1e-4;
+/// Observations that are judged together.
+const BLOCK: usize = 128;
+
+/// The width σ at which ALD with threshold `nu` keeps `target` of the observations `x`, as nearly as any width does.
+///
+/// `kernel` makes the kernel of a width, such as [`Kernel::gaussian`]. The narrower the kernel, the more is kept.
+///
+/// # Shapes
+/// `x: d × n`.
+///
+/// # Errors
+/// ν not positive; observations that are all equal, fewer than two, or not finite; a target of 0, or larger than the number
+/// that even the narrowest kernel keeps.
+///
+/// # Example
+/// ```
+/// use adagio::dictionary::width_for_size;
+/// use adagio::kernel::Kernel;
+/// use faer::{Mat, Par};
+///
+/// # fn main() -> Result<(), adagio::dictionary::DictionaryError> {
+/// let line = Mat::from_fn(1, 200, |_, t| t as f64 / 199.0);
+/// let found = width_for_size(line.as_ref(), 0.1, 10, Kernel::gaussian, Par::Seq)?;
+/// assert_eq!(found.size, 10);
+/// # Ok(())
+/// # }
+/// ```
+///
+/// # Reference
+/// Thesis §2.2.6, last paragraph.
+pub fn width_for_size<T: Scalar>(
+    x: MatRef<'_, T>,
+    nu: f64,
+    target: usize,
+    kernel: impl Fn(f64) -> Result<Kernel, KernelError>,
+    par: Par,
+) -> Result<WidthForSize, DictionaryError> {
+    check_nu(nu)?;
+    let median = median_distance(x)?;
+    let mut tried = Vec::new();
+    let mut size_at = |sigma: f64| -> Result<usize, DictionaryError> {
+        let mut dictionary = Dictionary::new(kernel(sigma)?, x.ncols(), par);
+        for start in (0..x.ncols()).step_by(BLOCK) {
+            dictionary.grow(x.subcols(start, BLOCK.min(x.ncols() - start)), |_, residual| residual > nu)?;
+        }
+        tried.push((sigma, dictionary.len()));
+        Ok(dictionary.len())
+    };
+    let refuse = |largest| DictionaryError::Target { target, observations: x.ncols(), largest };
+
+    let (mut narrow, mut wide) = (median, median);
+    let mut largest = size_at(median)?;
+    if largest < target {
+        for _ in 0..STEPS {
+            wide = narrow;
+            narrow /= STEP;
+            let size = size_at(narrow)?;
+            largest = largest.max(size);
+            if size >= target {
+                break;
+            }
+        }
+    } else {
+        for _ in 0..STEPS {
+            narrow = wide;
+            wide *= STEP;
+            if size_at(wide)? <= target {
+                break;
+            }
+        }
+    }
+    if target == 0 || target > largest {
+        return Err(refuse(largest));
+    }
+    while wide / narrow > 1.0 + RESOLUTION {
+        let middle = (narrow * wide).sqrt();
+        match size_at(middle)?.cmp(&target) {
+            std::cmp::Ordering::Greater => narrow = middle,
+            std::cmp::Ordering::Less => wide = middle,
+            std::cmp::Ordering::Equal => break,
+        }
+    }
+    let best = tried.iter().copied().min_by_key(|&(_, size)| size.abs_diff(target));
+    let (sigma, size) = best.ok_or_else(|| refuse(largest))?;
+    Ok(WidthForSize { sigma, size, tried })
+}
