@@ -29,6 +29,7 @@
 //! | [`vision`] | camera image → observation |
 //! | [`kernel`] | kernel functions, kernel values for blocks |
 //! | [`dictionary`] | which observations to keep as support vectors |
+//! | [`regression`] | least squares, ridge, kernel ridge, validation |
 //! | [`slow`] | moments and slow features |
 //! | [`value`] | transitions, LSTD, LSPI |
 //! | [`policy`] | exploration, pursuit, reflexes, reference, optimum |
@@ -84,6 +85,7 @@ pub mod kernel;
 pub mod log;
 pub mod policy;
 pub mod random;
+pub mod regression;
 pub mod report;
 pub mod scenario;
 pub mod slow;

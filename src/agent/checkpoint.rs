@@ -69,8 +69,8 @@ pub fn checkpoint_bytes(learned: &Learned, scenario: &Scenario) -> Result<Vec<u8
         ("epoch".to_owned(), learned.epoch.to_string()),
         ("asked_at".to_owned(), learned.asked_at.to_string()),
         ("frames".to_owned(), learned.frames.to_string()),
-        ("sigma_bits".to_owned(), model.kernel.sigma().to_bits().to_string()),
-        ("exponent".to_owned(), model.kernel.exponent().to_string()),
+        ("sigma_bits".to_owned(), learned.sigma().to_bits().to_string()),
+        ("exponent".to_owned(), learned.exponent().to_string()),
         ("scenario_sha256".to_owned(), scenario.sha256()),
         ("digest".to_owned(), learned.digest()),
     ]);

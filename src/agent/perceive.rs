@@ -209,7 +209,7 @@ impl Perceive {
             stamp_ns: self.stamp_ns,
             accepted,
             size: dictionary.len(),
-            sigma: dictionary.kernel().sigma(),
+            sigma: dictionary.kernel().sigma().unwrap_or(f64::NAN),
             nu: stream.selection().nu(),
             at_budget: stream.selection().is_full(),
         }))

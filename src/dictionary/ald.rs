@@ -75,6 +75,11 @@ impl<T: Scalar> Ald<T> {
         })
     }
 
+    /// The support vectors, when no more are to come.
+    pub fn into_dictionary(self) -> Dictionary<T> {
+        self.dictionary
+    }
+
     /// Take the observations that `wanted(i, ε)` names, while the budget allows it or other members can make room.
     pub(super) fn take(
         &mut self,

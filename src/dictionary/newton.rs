@@ -16,7 +16,7 @@ use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::{Accum, Mat, MatRef, Par};
 
 use super::DictionaryError;
-use crate::kernel::{Kernel, Scalar, squared_norms};
+use crate::kernel::{self, Kernel, KernelError, Scalar, squared_norms};
 
 /// What a block of observations did.
 #[derive(Debug, Clone)]
@@ -362,11 +362,10 @@ impl<T: Scalar> Dictionary<T> {
 
 /// Squared norms, all finite.
 pub(super) fn finite_norms<T: Scalar>(x: MatRef<'_, T>) -> Result<Vec<f64>, DictionaryError> {
-    let norms = squared_norms(x);
-    match norms.iter().position(|norm| !norm.is_finite()) {
-        Some(bad) => Err(DictionaryError::NotFinite(bad)),
-        None => Ok(norms),
-    }
+    kernel::finite_norms("observation", x).map_err(|error| match error {
+        KernelError::NotFinite { index, .. } => DictionaryError::NotFinite(index),
+        other => other.into(),
+    })
 }
 
 /// Place and value of the largest entry; (0, −∞) if there is none.

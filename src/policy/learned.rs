@@ -38,6 +38,16 @@ pub fn columns<'a>(observations: impl ExactSizeIterator<Item = &'a Observation>)
 }
 
 impl Learned {
+    /// Width of the kernel, grey levels. A scenario's kernels are radial.
+    pub fn sigma(&self) -> f64 {
+        self.model.kernel.sigma().unwrap_or(f64::NAN)
+    }
+
+    /// Exponent of the kernel.
+    pub fn exponent(&self) -> f64 {
+        self.model.kernel.exponent().unwrap_or(f64::NAN)
+    }
+
     /// Features of observations: `x: d × n` gives `f × n`.
     ///
     /// # Panics
@@ -81,8 +91,8 @@ impl Learned {
     fn model_digest_input(&self) -> Vec<u8> {
         let model = &self.model;
         let mut bytes = Vec::new();
-        bytes.extend(model.kernel.sigma().to_le_bytes());
-        bytes.extend(model.kernel.exponent().to_le_bytes());
+        bytes.extend(self.sigma().to_le_bytes());
+        bytes.extend(self.exponent().to_le_bytes());
         for j in 0..model.members.ncols() {
             bytes.extend(model.members.col(j).iter().flat_map(|value| value.to_le_bytes()));
         }

@@ -166,7 +166,7 @@ impl Report {
             },
             dictionary: learned.map(|learned| Dictionary {
                 support_vectors: outcome.support_vectors,
-                sigma: learned.model.kernel.sigma(),
+                sigma: learned.sigma(),
                 nu: outcome.nu,
             }),
             model: learned.map(|learned| Model {
