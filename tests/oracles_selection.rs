@@ -120,7 +120,7 @@ fn a_raised_nu_holds_for_all_members_and_for_what_comes() {
 
 #[test]
 fn a_reservoir_is_a_uniform_sample_whatever_the_blocks() {
-    let (n, budget, seeds) = (60, 12, 2000);
+    let (n, budget, seeds) = (60, 12, 600);
     let x = random_path(5, n, 3);
     let kernel = Kernel::gaussian(0.05).unwrap();
     let run = |seed: u64, size: usize| {

@@ -13,7 +13,7 @@ use crate::world::World;
 #[derive(Serialize)]
 struct Evaluation {
     tasks: Vec<TaskResult>,
-    pose_decode: PoseDecode,
+    pose_decode: Option<PoseDecode>,
 }
 
 /// Try a run's policies from random starts in the run's own world.
@@ -30,9 +30,12 @@ pub fn evaluate(args: &EvaluateArgs) -> Ending {
     let starts = args.starts.map_or(scenario.evaluate.starts, |starts| starts as usize);
     let seed = args.seed.unwrap_or(scenario.seed);
     let tasks = Evaluator::new(scenario.clone(), world.clone(), starts, seed).evaluate(&learned, true);
-    let result = Evaluation { tasks, pose_decode: decode_pose(&scenario, &world, &learned, seed) };
+    let pose_decode = decode_pose(&scenario, &world, &learned, seed)
+        .inspect_err(|error| eprintln!("warning: the pose cannot be decoded: {error}"))
+        .ok();
+    let result = Evaluation { tasks, pose_decode };
     if args.json {
         return print_json(&result);
     }
-    print(&tasks_table(&result.tasks, Some(&result.pose_decode)))
+    print(&tasks_table(&result.tasks, result.pose_decode.as_ref()))
 }

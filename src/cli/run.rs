@@ -76,7 +76,9 @@ fn in_folder(scenario: &Arc<Scenario>, run: &Path, args: &RunArgs, stop: &Atomic
             eprintln!("evaluating {starts} starts per task, with and without reflexes");
         }
         tasks = evaluator.evaluate(learned, true);
-        pose = Some(decode_pose(scenario, &world, learned, scenario.seed));
+        pose = decode_pose(scenario, &world, learned, scenario.seed)
+            .inspect_err(|error| eprintln!("warning: the pose cannot be decoded: {error}"))
+            .ok();
     }
     let report = Report::new(scenario, &outcome, tasks, pose);
     let json = serde_json::to_string_pretty(&report).map_err(|e| text(&e))?;

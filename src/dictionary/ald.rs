@@ -110,6 +110,10 @@ impl<T: Scalar> Ald<T> {
 
     fn raise_nu(&mut self) -> Result<Vec<usize>, DictionaryError> {
         let room = (self.budget - self.budget.div_ceil(4)).max(1);
+        // Below the smallest residual at acceptance nobody leaves.
+        let factor = self.dictionary.factor();
+        let lowest = (0..factor.nrows()).map(|i| factor[(i, i)] * factor[(i, i)]).fold(f64::INFINITY, f64::min);
+        self.nu = self.nu.max(lowest / RAISE);
         loop {
             self.nu *= RAISE;
             let mut kept = self.survivors(self.nu)?;

@@ -6,7 +6,7 @@
 mod decode;
 mod trials;
 
-pub use decode::{PoseDecode, decode_pose};
+pub use decode::{PoseDecode, PoseError, decode_pose};
 pub use trials::{Evaluator, TaskResult, Unaided};
 
 use nalgebra::{Point2, Vector2};

@@ -67,6 +67,6 @@ pub use error::RegressionError;
 pub use kernel::{KernelModel, kernel_ridge};
 pub use linear::{Bias, Linear, least_squares, ridge};
 pub use recursive::KernelRls;
-pub use select::{Candidate, KernelGrid, KernelSettings, Selection, select_kernel_ridge, select_ridge};
+pub use select::{Candidate, KernelGrid, KernelSettings, ModelSelection, select_kernel_ridge, select_ridge};
 pub use sums::Sums;
 pub use validate::{Errors, Folds, Score, cross_validate, hold_out};

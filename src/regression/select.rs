@@ -31,11 +31,11 @@ pub struct Candidate<P> {
 
 /// The whole table of a selection: every candidate, in the order of the grid. It has at least one row.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Selection<P> {
+pub struct ModelSelection<P> {
     candidates: Vec<Candidate<P>>,
 }
 
-impl<P> Selection<P> {
+impl<P> ModelSelection<P> {
     /// Every candidate, in the order of the grid.
     pub fn candidates(&self) -> &[Candidate<P>] {
         &self.candidates
@@ -99,7 +99,7 @@ pub fn select_ridge(
     folds: &Folds,
     bias: Bias,
     par: Par,
-) -> Result<Selection<f64>, RegressionError> {
+) -> Result<ModelSelection<f64>, RegressionError> {
     check_grid("values of lambda", lambdas.len())?;
     lambdas.iter().try_for_each(|&lambda| check_lambda(lambda))?;
     check_samples(x.ncols(), t, folds)?;
@@ -119,7 +119,7 @@ pub fn select_ridge(
     }
     let rows = lambdas.iter().zip(&errors);
     let candidates = rows.map(|(&settings, errors)| Candidate { settings, score: Score::over(errors) });
-    Ok(Selection { candidates: candidates.collect() })
+    Ok(ModelSelection { candidates: candidates.collect() })
 }
 
 /// The settings of sparse kernel ridge regression that a selection chooses.
@@ -238,7 +238,7 @@ pub fn select_kernel_ridge<T: Scalar>(
     grid: &KernelGrid,
     folds: &Folds,
     par: Par,
-) -> Result<Selection<KernelSettings>, RegressionError> {
+) -> Result<ModelSelection<KernelSettings>, RegressionError> {
     check_grid("kernels", grid.kernels.len())?;
     check_grid("numbers of support vectors", grid.support_vectors.len())?;
     check_grid("values of lambda", grid.lambdas.len())?;
@@ -272,7 +272,7 @@ pub fn select_kernel_ridge<T: Scalar>(
         let rows = combinations.into_iter().zip(&errors);
         candidates.extend(rows.map(|(settings, errors)| Candidate { settings, score: Score::over(errors) }));
     }
-    Ok(Selection { candidates })
+    Ok(ModelSelection { candidates })
 }
 
 fn errors_of(training: &Sums, test: &Sums, lambda: f64, bias: Bias) -> Result<Errors, RegressionError> {

@@ -123,8 +123,11 @@ pub fn tasks_table(tasks: &[TaskResult], pose: Option<&PoseDecode>) -> String {
     if let Some(pose) = pose {
         let _ = writeln!(
             text,
-            "pose read off the features (linear): position within {:.3} m, heading within {:.1}° (root mean square)",
-            pose.position_rmse_m, pose.heading_rmse_deg
+            "pose read off the features: linear within {:.3} m and {:.1}°, by a kernel within {:.3} m and {:.1}° (root mean square)",
+            pose.linear.position_rmse_m,
+            pose.linear.heading_rmse_deg,
+            pose.kernel.position_rmse_m,
+            pose.kernel.heading_rmse_deg
         );
     }
     text
