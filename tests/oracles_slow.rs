@@ -263,9 +263,34 @@ fn impossible_requests_are_refused_with_their_numbers() {
     assert_eq!(solve(&moments, 1, -1.0, None).unwrap_err(), SlowError::Lambda(-1.0));
     let empty = Moments::new(Par::Seq);
     assert!(matches!(solve(&empty, 1, 0.0, None), Err(SlowError::TooFewFrames { .. })));
-    // One direction never changes: without λ the problem has no unique solution.
+    // One coordinate never changes: it is dropped and counted, with λ and without.
     let still = Mat::from_fn(2, 50, |i, t| if i == 0 { v[(0, t)] } else { 1.0 });
     let singular = batch_moments(still.as_ref(), &series_links(50, 1.0));
-    assert!(matches!(solve(&singular, 1, 0.0, None), Err(SlowError::Singular { size: 2, .. })));
-    assert!(solve(&singular, 1, 1e-9, None).is_ok());
+    assert_eq!(solve(&singular, 1, 0.0, None).unwrap().rank_deficit, 1);
+    assert_eq!(solve(&singular, 1, 1e-9, None).unwrap().rank_deficit, 1);
+    assert_eq!(solve(&singular, 2, 0.0, None).unwrap_err(), SlowError::Features { asked: 2, rank: 1 });
+}
+
+#[test]
+fn sums_refuse_what_does_not_fit_them() {
+    let mut moments = Moments::new(Par::Seq);
+    moments.widen(2).unwrap();
+    let (two, three) = (Mat::<f64>::zeros(2, 4), Mat::<f64>::zeros(3, 4));
+    assert_eq!(moments.widen(1).unwrap_err(), SlowError::Narrower { size: 2, asked: 1 });
+    assert!(matches!(moments.add(three.as_ref(), two.as_ref(), 1.0), Err(SlowError::Shape { found: 3, .. })));
+    assert!(matches!(moments.add(two.as_ref(), three.as_ref(), 1.0), Err(SlowError::Shape { found: 3, .. })));
+    assert_eq!(moments.add(two.as_ref(), two.as_ref(), -1.0).unwrap_err(), SlowError::Weight(-1.0));
+    assert_eq!(
+        moments.grow(3, two.as_ref(), two.as_ref(), 1.0).unwrap_err(),
+        SlowError::Narrower { size: 2, asked: 3 }
+    );
+    let link = Some(Link { dt: 1.0, weight: 1.0 });
+    assert_eq!(moments.add_series(two.as_ref(), &[link; 4], None).unwrap_err(), SlowError::NoPredecessor);
+    let backwards = Some(Link { dt: -1.0, weight: 1.0 });
+    let refused = moments.add_series(two.as_ref(), &[None, None, backwards, None], None).unwrap_err();
+    assert_eq!(refused, SlowError::Link { at: 2, dt: -1.0, weight: 1.0 });
+    assert_eq!(moments.frames(), 0.0);
+    let holes = Mat::from_fn(2, 4, |i, t| if (i, t) == (1, 2) { f64::NAN } else { t as f64 });
+    moments.add_series(holes.as_ref(), &series_links(4, 1.0), None).unwrap();
+    assert!(matches!(solve(&moments, 1, 0.0, None), Err(SlowError::NotFinite(_))));
 }

@@ -10,7 +10,7 @@ use crate::dictionary::{Ald, DictionaryError, Parameters, Reservoir, Selection, 
 use crate::kernel::{Kernel, KernelError};
 use crate::policy::columns;
 use crate::scenario::{Scenario, SelectionRule};
-use crate::slow::{Link, SlowStream, StreamOptions};
+use crate::slow::{Link, SlowError, SlowStream, StreamOptions};
 use crate::source::{Boundary, Frame};
 use crate::value::{Transition, Window};
 use crate::vision::{Observation, observe};
@@ -28,7 +28,7 @@ pub enum PerceiveError {
         /// The newest frame of the block.
         last_frame: u64,
         /// What the dictionary says.
-        cause: DictionaryError,
+        cause: SlowError,
     },
 }
 
@@ -251,13 +251,16 @@ enum Begin {
     Kernel(#[from] KernelError),
     #[error(transparent)]
     Dictionary(#[from] DictionaryError),
+    #[error(transparent)]
+    Stream(#[from] SlowError),
 }
 
 impl Begin {
     fn at_frame(self, last_frame: u64) -> PerceiveError {
         match self {
             Begin::Kernel(error) => PerceiveError::Width(error),
-            Begin::Dictionary(cause) => PerceiveError::Block { last_frame, cause },
+            Begin::Dictionary(cause) => PerceiveError::Block { last_frame, cause: cause.into() },
+            Begin::Stream(cause) => PerceiveError::Block { last_frame, cause },
         }
     }
 }

@@ -7,16 +7,9 @@
 use faer::linalg::matmul::triangular::{BlockStructure, matmul as triangular_matmul};
 use faer::{Accum, Mat, MatRef, Par};
 
-use crate::dictionary::{DictionaryError, Thinning};
-
-/// How a frame follows the one before it.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Link {
-    /// Time since the frame before it, in seconds (or any unit, kept throughout); > 0.
-    pub dt: f64,
-    /// Weight `g` of this derivative, ≥ 0.
-    pub weight: f64,
-}
+use super::links::{Link, check_links};
+use super::solve::SlowError;
+use crate::dictionary::Thinning;
 
 /// The running sums over `m` coordinates.
 #[derive(Debug, Clone)]
@@ -61,19 +54,45 @@ impl Moments {
     /// `v: m × b`, the coordinates of the frames; `rates: m × l`, the derivatives `√g·v̇`  of those that have one;
     /// `weight`: the sum of the `g` of these.
     ///
-    /// # Panics
-    /// If the rows are not [`Moments::size`].
-    pub fn add(&mut self, v: MatRef<'_, f64>, rates: MatRef<'_, f64>, weight: f64) {
-        assert_eq!(v.nrows(), self.size());
+    /// # Errors
+    /// Rows that are not [`Moments::size`], a weight that is negative or not finite; nothing is changed then. Values that
+    /// are not finite are found by [`solve`](super::solve()), which sees every sum.
+    pub fn add(&mut self, v: MatRef<'_, f64>, rates: MatRef<'_, f64>, weight: f64) -> Result<(), SlowError> {
+        self.check(0, v, rates, weight)?;
         self.frames += v.ncols() as f64;
         self.links += weight;
         add_column_sums(&mut self.sum, 0, v, 1.0);
         add_lower(&mut self.square, v, self.par);
         add_lower(&mut self.derivative, rates, self.par);
+        Ok(())
+    }
+
+    /// Add a block of a series: frames and how each follows the one before it.
+    ///
+    /// # Shapes
+    /// `v: m × b`; `links: b`; `before: m × 1`, the last frame before the block, which is needed if the first link is not
+    /// `None`.
+    ///
+    /// # Errors
+    /// Shapes that do not fit, a link without a frame before it, a link with an impossible time or weight.
+    pub fn add_series(
+        &mut self,
+        v: MatRef<'_, f64>,
+        links: &[Option<Link>],
+        before: Option<MatRef<'_, f64>>,
+    ) -> Result<(), SlowError> {
+        let (rates, weight) = rates(v, links, before)?;
+        self.add(v, rates.as_ref(), weight)
     }
 
     /// Make room for coordinates `size() .. m`, zero so far.
-    pub fn widen(&mut self, m: usize) {
+    ///
+    /// # Errors
+    /// Fewer coordinates than there are.
+    pub fn widen(&mut self, m: usize) -> Result<(), SlowError> {
+        if m < self.size() {
+            return Err(SlowError::Narrower { size: self.size(), asked: m });
+        }
         if m > self.square.col_stride().unsigned_abs() {
             let capacity = m + m / 2 + 64;
             self.square.reserve(capacity, capacity);
@@ -82,6 +101,7 @@ impl Moments {
         self.sum.resize_with(m, 1, |_, _| 0.0);
         self.square.resize_with(m, m, |_, _| 0.0);
         self.derivative.resize_with(m, m, |_, _| 0.0);
+        Ok(())
     }
 
     /// Add what frames that are in the sums already contribute to coordinates `from .. m`, which they got later.
@@ -89,8 +109,18 @@ impl Moments {
     /// # Shapes
     /// `v: m × b` and `rates: m × l`, all rows, of which those before `from` are in the sums already; `weight`: factor
     /// by which these frames have faded since they were added.
-    pub fn grow(&mut self, from: usize, v: MatRef<'_, f64>, rates: MatRef<'_, f64>, weight: f64) {
-        assert_eq!(v.nrows(), self.size());
+    ///
+    /// # Errors
+    /// Rows that are not [`Moments::size`], `from` beyond it, a weight that is negative or not finite; nothing is changed
+    /// then.
+    pub fn grow(
+        &mut self,
+        from: usize,
+        v: MatRef<'_, f64>,
+        rates: MatRef<'_, f64>,
+        weight: f64,
+    ) -> Result<(), SlowError> {
+        self.check(from, v, rates, weight)?;
         let new = self.size() - from;
         add_column_sums(&mut self.sum, from, v.subrows(from, new), weight);
         for (target, columns) in [(&mut self.square, v), (&mut self.derivative, rates)] {
@@ -109,6 +139,16 @@ impl Moments {
                 self.par,
             );
         }
+        Ok(())
+    }
+
+    fn check(&self, from: usize, v: MatRef<'_, f64>, rates: MatRef<'_, f64>, weight: f64) -> Result<(), SlowError> {
+        SlowError::unless_fits("a frame's number of coordinates", v.nrows(), self.size())?;
+        SlowError::unless_fits("a derivative's number of coordinates", rates.nrows(), self.size())?;
+        if from > self.size() {
+            return Err(SlowError::Narrower { size: self.size(), asked: from });
+        }
+        if weight >= 0.0 && weight.is_finite() { Ok(()) } else { Err(SlowError::Weight(weight)) }
     }
 
     /// Let all sums fade by a factor in (0, 1].
@@ -124,12 +164,9 @@ impl Moments {
     ///
     /// # Errors
     /// A thinning of another number of coordinates.
-    pub fn thin(&mut self, thinning: &Thinning) -> Result<(), DictionaryError> {
+    pub fn thin(&mut self, thinning: &Thinning) -> Result<(), SlowError> {
         let (from, before, after) = (thinning.from, thinning.before(), thinning.keep.len());
-        if before != self.size() {
-            let what = "the number of coordinates in the sums";
-            return Err(DictionaryError::Shape { what, found: self.size(), expected: before });
-        }
+        SlowError::unless_fits("the number of coordinates in the sums", self.size(), before)?;
         self.sum = thinning.apply(self.sum.as_ref())?;
         let rotation = thinning.rotation.as_ref();
         for matrix in [&mut self.square, &mut self.derivative] {
@@ -157,6 +194,11 @@ impl Moments {
         symmetric(self.size(), |i, j| self.square[(i, j)] / self.frames - mean[(i, 0)] * mean[(j, 0)])
     }
 
+    /// Uncentred mean squares of the coordinates, `m`: they bound the rounding of [`Moments::covariance`].
+    pub(super) fn mean_squares(&self) -> Vec<f64> {
+        (0..self.size()).map(|i| self.square[(i, i)] / self.frames).collect()
+    }
+
     /// Weighted mean `Ḋ` of `v̇v̇ᵀ`, `m × m`, both triangles. The difference is not centred.
     pub fn rate(&self) -> Mat<f64> {
         symmetric(self.size(), |i, j| self.derivative[(i, j)] / self.links)
@@ -169,18 +211,27 @@ impl Moments {
 /// `v: m × b`, `links: b`, `before: m × 1`, the last frame before the block, if its first frame has a link. The result is
 /// `m × l`, with the sum of the weights.
 ///
-/// # Panics
-/// If the first frame has a link and nothing stands before it.
-pub(super) fn rates(v: MatRef<'_, f64>, links: &[Option<Link>], before: Option<MatRef<'_, f64>>) -> (Mat<f64>, f64) {
+/// # Errors
+/// Another number of links than of frames, a first link without a frame before it, impossible times or weights.
+pub(super) fn rates(
+    v: MatRef<'_, f64>,
+    links: &[Option<Link>],
+    before: Option<MatRef<'_, f64>>,
+) -> Result<(Mat<f64>, f64), SlowError> {
+    SlowError::unless_fits("the list of links", links.len(), v.ncols())?;
+    check_links(links)?;
+    if let Some(before) = before {
+        SlowError::unless_fits("the frame before the block", before.nrows(), v.nrows())?;
+        SlowError::unless_fits("the number of frames before the block", before.ncols(), 1)?;
+    }
     let linked: Vec<(usize, Link)> = links.iter().enumerate().filter_map(|(t, link)| link.map(|l| (t, l))).collect();
     let weight = linked.iter().map(|(_, link)| link.weight).sum();
     let mut rates = Mat::<f64>::zeros(v.nrows(), linked.len());
     for (column, &(t, link)) in linked.iter().enumerate() {
         let scale = link.weight.sqrt() / link.dt;
-        // The stream takes the link from a first frame that has nothing before it, so the panic is out of its reach.
         let earlier = match (t, before) {
             (0, Some(before)) => before.col(0),
-            (0, None) => panic!("the first frame of a block has a link, but no frame stands before it"),
+            (0, None) => return Err(SlowError::NoPredecessor),
             (t, _) => v.col(t - 1),
         };
         let now = v.col(t);
@@ -188,7 +239,7 @@ pub(super) fn rates(v: MatRef<'_, f64>, links: &[Option<Link>], before: Option<M
             *rate = (now[row] - earlier[row]) * scale;
         }
     }
-    (rates, weight)
+    Ok((rates, weight))
 }
 
 fn add_column_sums(sum: &mut Mat<f64>, from: usize, v: MatRef<'_, f64>, weight: f64) {

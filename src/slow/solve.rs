@@ -1,17 +1,28 @@
 //! From moments to slow features.
 //!
-//! Minimise `wᵀ(Ḋ + λI)w` subject to `wᵀCw = 1` and `w_iᵀCw_j = 0`. With `RRᵀ = Ḋ + λI` the slowest features are the
-//! largest eigenvalues μ of `M = R⁻¹CR⁻ᵀ`: `w = R⁻ᵀu/√μ`. This is the dense reference solver.
+//! Minimise `wᵀ(Ḋ + λI)w` subject to `wᵀCw = 1` and `w_iᵀCw_j = 0`. There are two ways to the same answer:
+//!
+//! - **Regular** (λ > 0, `Ḋ + λI` well conditioned): with `RRᵀ = Ḋ + λI` the slowest features are the largest eigenvalues μ
+//!   of `M = R⁻¹CR⁻ᵀ`: `w = R⁻ᵀu/√μ`. This is the dense reference solver of the running agent.
+//! - **Rank-revealing** (λ = 0, or no usable factor; `reveal.rs`): redundant coordinates have directions with neither
+//!   variance nor derivative. They are found in `B = C + sḊ` and dropped, and their number is reported. The thesis's
+//!   listing removes the *zero eigenvalues of the covariance* instead; with any threshold above zero that also loses a truly
+//!   slow direction of little variance, the very thing that is looked for. In `B`, scaled to a unit diagonal, such a
+//!   direction stays.
 //!
 //! In the Newton basis `‖w‖` is the norm of the feature in the kernel's Hilbert space, so the regulariser of regularised
 //! sparse kernel SFA is this plain `λI`.
+//!
+//! Moments hold squares, so what has less than about 10⁻⁶ of the others' amplitude is lost in their rounding, and the
+//! constraints hold to about 2⁻⁵³ times the ratio of the variances. [`LinearSfa`](super::LinearSfa) has the signal itself at
+//! hand and makes them good to full precision.
 
-use faer::linalg::solvers::LltError;
 use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
 use faer::{Mat, MatRef, Par, Side};
 use thiserror::Error;
 
 use super::moments::Moments;
+use super::reveal::revealed;
 use crate::dictionary::{DictionaryError, Thinning};
 use crate::kernel::KernelError;
 
@@ -49,18 +60,91 @@ pub enum SlowError {
     /// What the kernel refuses.
     #[error(transparent)]
     Kernel(#[from] KernelError),
+    /// What the dictionary refuses.
+    #[error(transparent)]
+    Dictionary(#[from] DictionaryError),
     /// λ must not be negative.
     #[error("lambda = {0} is not allowed: it must be ≥ 0 and finite")]
     Lambda(f64),
-    /// `Ḋ + λI` is singular.
-    #[error(
-        "the derivatives span too few of the {size} directions for lambda = {lambda}: raise lambda (1e-7 suits kernels with k(x,x) = 1)"
-    )]
-    Singular {
-        /// Number of coordinates.
+    /// The sum of the weights of some derivatives.
+    #[error("a weight of {0} is not allowed: it must be ≥ 0 and finite")]
+    Weight(f64),
+    /// A time between frames, or a weight, that cannot be.
+    #[error("frame {at} has a link with dt = {dt} and weight {weight}: dt must be > 0, the weight ≥ 0, both finite")]
+    Link {
+        /// Index of the frame.
+        at: usize,
+        /// Its time since the frame before it.
+        dt: f64,
+        /// Its weight.
+        weight: f64,
+    },
+    /// A first link that leads nowhere.
+    #[error("the first frame has a link, but no frame stands before it: give that frame, or None as its link")]
+    NoPredecessor,
+    /// The longest gap between linked frames.
+    #[error("a longest gap of {0} is not allowed: it must be > 0")]
+    Gap(f64),
+    /// Lags must be given, and at least 1.
+    #[error("lag {lag} is not allowed for {frames} frames: it must be 1 to {}", frames.saturating_sub(1))]
+    Lag {
+        /// The lag, in frames.
+        lag: usize,
+        /// Number of frames.
+        frames: usize,
+    },
+    /// Sums never shrink.
+    #[error("coordinate {asked} is out of the range of the sums, which have {size}")]
+    Narrower {
+        /// Coordinates there are.
         size: usize,
-        /// The regulariser.
-        lambda: f64,
+        /// Coordinates asked for.
+        asked: usize,
+    },
+    /// A value that is not a number, or so large that its square is not.
+    #[error("{0} not finite, or too large to be squared")]
+    NotFinite(&'static str),
+    /// A kernel matrix that is none.
+    #[error("this is no kernel matrix: {0}")]
+    Gram(String),
+    /// A share of the variance.
+    #[error("a share {0} of the variance is not allowed: it must be in (0, 1]")]
+    VarianceShare(f64),
+    /// A limit for clipping.
+    #[error("outputs cannot be clipped at ±{0}: the limit must be > 0 and finite")]
+    Clip(f64),
+    /// An expansion that no solver can hold.
+    #[error("the expansion of {inputs} values has more than {most} monomials: reduce the number of values first")]
+    Expansion {
+        /// Values that are expanded.
+        inputs: usize,
+        /// Largest number of monomials that is allowed.
+        most: usize,
+    },
+    /// A layer whose receptive fields do not cover its input.
+    #[error(
+        "fields of {field} with a stride of {stride} do not tile a {axis} of {size}: field ≤ {axis}, stride ≥ 1, and ({axis} − field) a multiple of the stride are needed"
+    )]
+    Tiling {
+        /// "width" or "height".
+        axis: &'static str,
+        /// Width or height of the input.
+        size: usize,
+        /// Width or height of a field.
+        field: usize,
+        /// Distance of neighbouring fields.
+        stride: usize,
+    },
+    /// A list that must not be empty.
+    #[error("{0} empty: at least one is needed")]
+    Empty(&'static str),
+    /// A fault in one part of something larger.
+    #[error("{place}: {cause}")]
+    At {
+        /// Which part.
+        place: String,
+        /// What is wrong there.
+        cause: Box<SlowError>,
     },
     /// The eigenvalue iteration did not converge; this points to values that are not finite.
     #[error("the eigenvalues of a {0} × {0} matrix did not converge: its values are not finite")]
@@ -78,12 +162,30 @@ pub struct SlowFeatures {
     pub slowness: Vec<f64>,
     /// Regulariser λ it was solved with.
     pub lambda: f64,
+    /// Coordinates that say nothing new: `m` minus the number of independent directions with variance.
+    pub rank_deficit: usize,
 }
 
 impl SlowError {
     /// Refuse what has another size than needed.
     pub(super) fn unless_fits(what: &'static str, found: usize, expected: usize) -> Result<(), SlowError> {
         if found == expected { Ok(()) } else { Err(SlowError::Shape { what, found, expected }) }
+    }
+
+    /// The same fault, with the place where it happened.
+    pub(super) fn at(self, place: impl Into<String>) -> SlowError {
+        SlowError::At { place: place.into(), cause: Box::new(self) }
+    }
+
+    /// Refuse a λ that is negative or not finite.
+    pub(super) fn unless_lambda(lambda: f64) -> Result<(), SlowError> {
+        if lambda >= 0.0 && lambda.is_finite() { Ok(()) } else { Err(SlowError::Lambda(lambda)) }
+    }
+
+    /// Refuse values that are not finite.
+    pub(super) fn unless_finite(what: &'static str, x: MatRef<'_, f64>) -> Result<(), SlowError> {
+        let finite = (0..x.ncols()).all(|j| (0..x.nrows()).all(|i| x[(i, j)].is_finite()));
+        if finite { Ok(()) } else { Err(SlowError::NotFinite(what)) }
     }
 }
 
@@ -92,7 +194,7 @@ impl SlowFeatures {
     ///
     /// # Errors
     /// A thinning of fewer coordinates than the features have.
-    pub fn follow(&mut self, thinning: &Thinning) -> Result<(), DictionaryError> {
+    pub fn follow(&mut self, thinning: &Thinning) -> Result<(), SlowError> {
         self.weights = thinning.apply(self.weights.as_ref())?;
         self.mean = thinning.apply(self.mean.as_ref())?;
         Ok(())
@@ -101,7 +203,7 @@ impl SlowFeatures {
 
 /// Eigenvalues below this share of the largest one are directions without variance: rounding of the sums is about
 /// n·2⁻⁵³ of it.
-const RANK_TOLERANCE: f64 = 1e-13;
+pub(super) const RANK_TOLERANCE: f64 = 1e-13;
 
 /// Features count as equally slow, and may be rotated among each other, when their slowness differs by less than this share.
 const EQUAL_SLOWNESS: f64 = 1e-3;
@@ -123,16 +225,19 @@ pub fn solve(
     lambda: f64,
     previous: Option<&SlowFeatures>,
 ) -> Result<SlowFeatures, SlowError> {
-    if !(lambda >= 0.0 && lambda.is_finite()) {
-        return Err(SlowError::Lambda(lambda));
-    }
-    if moments.frames() < 2.0 || moments.links() <= 0.0 {
+    SlowError::unless_lambda(lambda)?;
+    if !(moments.frames() >= 2.0 && moments.links() > 0.0) {
         return Err(SlowError::TooFewFrames { frames: moments.frames(), links: moments.links() });
     }
     let m = moments.size();
     let covariance = moments.covariance();
     let rate = moments.rate();
-    let mut weights = slowest(&covariance, &rate, features, lambda)?;
+    SlowError::unless_finite("the covariance of the coordinates is", covariance.as_ref())?;
+    SlowError::unless_finite("the covariance of the derivatives is", rate.as_ref())?;
+    let (mut weights, rank) = match usable_factor(&rate, lambda) {
+        Some(r) => slowest(&covariance, r.as_ref(), features)?,
+        None => revealed(&covariance, &rate, &moments.mean_squares(), features, lambda)?,
+    };
     let mut slowness = diagonal_of(weights.as_ref(), rate.as_ref());
     sort_columns(&mut weights, &mut slowness);
     if let Some(previous) = previous {
@@ -142,17 +247,26 @@ pub fn solve(
         slowness = diagonal_of(weights.as_ref(), rate.as_ref());
         sort_columns(&mut weights, &mut slowness);
     }
-    Ok(SlowFeatures { weights, mean: moments.mean(), slowness, lambda })
+    Ok(SlowFeatures { weights, mean: moments.mean(), slowness, lambda, rank_deficit: m - rank })
 }
 
-/// The dense generalised eigenproblem: weights of the `features` largest μ, scaled to unit variance.
-fn slowest(covariance: &Mat<f64>, rate: &Mat<f64>, features: usize, lambda: f64) -> Result<Mat<f64>, SlowError> {
-    let m = covariance.nrows();
+/// The Cholesky factor `R` of `Ḋ + λI`, unless λ = 0 or its pivots are within the rounding of the sums.
+fn usable_factor(rate: &Mat<f64>, lambda: f64) -> Option<Mat<f64>> {
+    let m = rate.nrows();
+    if lambda == 0.0 || m == 0 {
+        return None;
+    }
     let regularised = Mat::from_fn(m, m, |i, j| rate[(i, j)] + if i == j { lambda } else { 0.0 });
-    let cholesky = regularised.llt(Side::Lower).map_err(|error| match error {
-        LltError::NonPositivePivot { .. } => SlowError::Singular { size: m, lambda },
-    })?;
-    let r = cholesky.L();
+    let r = regularised.llt(Side::Lower).ok()?.L().to_owned();
+    let largest = (0..m).map(|i| regularised[(i, i)]).fold(0.0, f64::max);
+    let smallest = (0..m).map(|i| r[(i, i)] * r[(i, i)]).fold(f64::INFINITY, f64::min);
+    (smallest > m as f64 * f64::EPSILON * largest).then_some(r)
+}
+
+/// The dense generalised eigenproblem: weights of the `features` largest μ, scaled to unit variance, and the number of
+/// directions with variance.
+fn slowest(covariance: &Mat<f64>, r: MatRef<'_, f64>, features: usize) -> Result<(Mat<f64>, usize), SlowError> {
+    let m = covariance.nrows();
     // M = R⁻¹CR⁻ᵀ, by two triangular solves. faer's eigensolver gives other bits for other numbers of threads: one it is.
     let mut half = covariance.clone();
     solve_lower_triangular_in_place(r, half.as_mut(), Par::Seq);
@@ -166,7 +280,7 @@ fn slowest(covariance: &Mat<f64>, rate: &Mat<f64>, features: usize, lambda: f64)
     }
     let mut weights = Mat::from_fn(m, features, |i, j| eigen.U()[(i, m - 1 - j)] / mu[j].sqrt());
     solve_upper_triangular_in_place(r.transpose(), weights.as_mut(), Par::Seq);
-    Ok(weights)
+    Ok((weights, rank))
 }
 
 /// Diagonal of `WᵀAW`.
@@ -176,7 +290,7 @@ fn diagonal_of(weights: MatRef<'_, f64>, a: MatRef<'_, f64>) -> Vec<f64> {
 }
 
 /// λ moves single features out of the order of their own Δ: put the columns in ascending order of slowness.
-fn sort_columns(weights: &mut Mat<f64>, slowness: &mut [f64]) {
+pub(super) fn sort_columns(weights: &mut Mat<f64>, slowness: &mut [f64]) {
     let mut order: Vec<usize> = (0..slowness.len()).collect();
     order.sort_by(|&a, &b| slowness[a].total_cmp(&slowness[b]));
     *weights = Mat::from_fn(weights.nrows(), weights.ncols(), |i, j| weights[(i, order[j])]);

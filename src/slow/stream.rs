@@ -8,7 +8,9 @@ use std::collections::VecDeque;
 
 use faer::{Mat, MatRef};
 
-use super::moments::{Link, Moments, rates};
+use super::links::{Link, check_links};
+use super::moments::{Moments, rates};
+use super::solve::SlowError;
 use crate::dictionary::{Block, Dictionary, DictionaryError, FeatureMap, Selection, Thinning};
 use crate::kernel::{Scalar, squared_norms};
 
@@ -60,7 +62,7 @@ impl<T: Scalar> SlowStream<T> {
     ///
     /// # Errors
     /// A selection that does not stream, or one that has begun already: its frames are not known here.
-    pub fn new(selection: impl Selection<T> + 'static, options: Options) -> Result<Self, DictionaryError> {
+    pub fn new(selection: impl Selection<T> + 'static, options: Options) -> Result<Self, SlowError> {
         Self::from_boxed(Box::new(selection), options)
     }
 
@@ -68,10 +70,10 @@ impl<T: Scalar> SlowStream<T> {
     ///
     /// # Errors
     /// Those of [`SlowStream::new`].
-    pub fn from_boxed(selection: Box<dyn Selection<T>>, options: Options) -> Result<Self, DictionaryError> {
+    pub fn from_boxed(selection: Box<dyn Selection<T>>, options: Options) -> Result<Self, SlowError> {
         if !selection.is_streaming() || !selection.dictionary().is_empty() {
             let members = selection.dictionary().len();
-            return Err(DictionaryError::NotForStreams { streaming: selection.is_streaming(), members });
+            return Err(DictionaryError::NotForStreams { streaming: selection.is_streaming(), members }.into());
         }
         Ok(SlowStream {
             moments: Moments::new(selection.dictionary().par()),
@@ -97,8 +99,8 @@ impl<T: Scalar> SlowStream<T> {
     ///
     /// # Errors
     /// Features that cannot be computed for the support vectors.
-    pub fn adopt(&mut self, features: FeatureMap<T>) -> Result<(), DictionaryError> {
-        self.selection.adopt(features)
+    pub fn adopt(&mut self, features: FeatureMap<T>) -> Result<(), SlowError> {
+        Ok(self.selection.adopt(features)?)
     }
 
     /// What became of coordinates since the last call, oldest first: weights over earlier coordinates follow by
@@ -116,7 +118,7 @@ impl<T: Scalar> SlowStream<T> {
     ///
     /// # Errors
     /// None that a stream of accepted blocks can meet.
-    pub fn settled_moments(&mut self) -> Result<&Moments, DictionaryError> {
+    pub fn settled_moments(&mut self) -> Result<&Moments, SlowError> {
         self.settle()?;
         Ok(&self.moments)
     }
@@ -127,11 +129,13 @@ impl<T: Scalar> SlowStream<T> {
     /// `x: d × b`; `links: b`, `None` where a frame does not follow the one before it (the first frame of all never does).
     ///
     /// # Errors
-    /// Those of [`Dictionary::observe`], and another number of links than of frames; nothing is changed then.
-    pub fn push(&mut self, x: MatRef<'_, T>, links: &[Option<Link>]) -> Result<Block, DictionaryError> {
+    /// Those of [`Dictionary::observe`], another number of links than of frames, a link with an impossible time or weight;
+    /// nothing is changed then.
+    pub fn push(&mut self, x: MatRef<'_, T>, links: &[Option<Link>]) -> Result<Block, SlowError> {
         if x.ncols() != links.len() {
-            return Err(DictionaryError::Links { found: links.len(), expected: x.ncols() });
+            return Err(DictionaryError::Links { found: links.len(), expected: x.ncols() }.into());
         }
+        check_links(links)?;
         let mut block = self.selection.observe(x)?;
         if x.ncols() == 0 {
             return Ok(block);
@@ -153,8 +157,8 @@ impl<T: Scalar> SlowStream<T> {
             let last = chunk.v.ncols() - 1;
             chunk.v.as_ref().submatrix(0, last, known, 1)
         });
-        let (rates, weight) = rates(v, &links, before);
-        self.moments.add(v, rates.as_ref(), weight);
+        let (rates, weight) = rates(v, &links, before)?;
+        self.moments.add(v, rates.as_ref(), weight)?;
         self.frames += x.ncols();
         self.retained.push_back(Retained {
             x: x.to_owned(),
@@ -172,7 +176,7 @@ impl<T: Scalar> SlowStream<T> {
     }
 
     /// Let support vectors leave where the selection has taken too many.
-    fn thin(&mut self, block: &mut Block) -> Result<(), DictionaryError> {
+    fn thin(&mut self, block: &mut Block) -> Result<(), SlowError> {
         if !self.selection.is_over_budget() {
             return Ok(());
         }
@@ -192,7 +196,7 @@ impl<T: Scalar> SlowStream<T> {
     ///
     /// # Errors
     /// None that a stream of accepted blocks can meet.
-    pub fn settle(&mut self) -> Result<(), DictionaryError> {
+    pub fn settle(&mut self) -> Result<(), SlowError> {
         let (from, m) = (self.moments.size(), self.dictionary().len());
         if from == m {
             return Ok(());
@@ -210,7 +214,7 @@ impl<T: Scalar> SlowStream<T> {
                 chunk.v.resize_with(m, columns, |i, j| new[(i - had, j)]);
             }
         }
-        self.moments.widen(m);
+        self.moments.widen(m)?;
         let mut before: Option<MatRef<'_, f64>> = None;
         for chunk in &self.retained {
             let v = chunk.v.as_ref();
@@ -219,15 +223,15 @@ impl<T: Scalar> SlowStream<T> {
             if before.is_none() {
                 links[0] = None;
             }
-            let (rates, _) = rates(v, &links, before);
-            self.moments.grow(from, v, rates.as_ref(), chunk.weight);
+            let (rates, _) = rates(v, &links, before)?;
+            self.moments.grow(from, v, rates.as_ref(), chunk.weight)?;
             before = Some(v.subcols(v.ncols() - 1, 1));
         }
         Ok(())
     }
 
     /// Drop the oldest blocks beyond the number of retained frames; the newest block always stays.
-    fn forget(&mut self) -> Result<(), DictionaryError> {
+    fn forget(&mut self) -> Result<(), SlowError> {
         let mut kept: usize = self.retained.iter().map(|chunk| chunk.v.ncols()).sum();
         while self.retained.len() > 1 && kept > self.options.retained {
             // What is pending would be lost for the block that leaves.

@@ -43,13 +43,13 @@ pub fn ald(sigma: f64, nu: f64, budget: usize) -> Ald<f64> {
 /// Moments of a whole series at once, by their definition.
 pub fn batch_moments(v: MatRef<'_, f64>, links: &[Option<Link>]) -> Moments {
     let mut moments = Moments::new(Par::Seq);
-    moments.widen(v.nrows());
+    moments.widen(v.nrows()).unwrap();
     let linked: Vec<(usize, Link)> = links.iter().enumerate().filter_map(|(t, l)| l.map(|l| (t, l))).collect();
     let rates = Mat::from_fn(v.nrows(), linked.len(), |i, j| {
         let (t, link) = linked[j];
         link.weight.sqrt() * (v[(i, t)] - v[(i, t - 1)]) / link.dt
     });
-    moments.add(v, rates.as_ref(), linked.iter().map(|(_, l)| l.weight).sum());
+    moments.add(v, rates.as_ref(), linked.iter().map(|(_, l)| l.weight).sum()).unwrap();
     moments
 }
 
