@@ -1,322 +1,233 @@
-//! Values and policies against known answers.
+//! Policies against known answers, in the public small worlds.
 
 mod common;
 
-use adagio::value::{Fit, Lspi, LspiOptions, Outcomes, Samples, ValueError, greedy, lstd};
+use adagio::random::stream;
+use adagio::value::worlds::{bases, chain_walk, koller_parr, pendulum, rooms, sixteen};
+use adagio::value::{FiniteMdp, Lspi, LspiOptions, Outcomes, Policy, Samples, Successor, ValueError, exact};
 use common::generator;
 use faer::{Mat, Par};
+use proptest::prelude::*;
 use rand::RngExt;
 
-const LEFT: usize = 0;
-const RIGHT: usize = 1;
-
-/// A finite decision process: `p[a][s]` lists (next state, probability), `reward[s]` is paid for being in `s`.
-struct Finite {
-    states: usize,
-    next: Vec<Vec<Vec<(usize, f64)>>>,
-    reward: Vec<Vec<f64>>,
+fn tabular(process: &FiniteMdp) -> Mat<f64> {
+    Mat::identity(process.states(), process.states())
 }
 
-/// The chain walk: an action succeeds with probability `success`, else the opposite happens; the ends hold.
-/// The reward is that of the state from which an action is taken.
-fn chain(states: usize, success: f64, rewarded: &[usize]) -> Finite {
-    let step = |s: usize, a: usize| if a == LEFT { s.saturating_sub(1) } else { (s + 1).min(states - 1) };
-    let next = (0..2)
-        .map(|a| (0..states).map(|s| vec![(step(s, a), success), (step(s, 1 - a), 1.0 - success)]).collect())
-        .collect();
-    let paid: Vec<f64> = (0..states).map(|s| f64::from(u8::from(rewarded.contains(&s)))).collect();
-    Finite { states, next, reward: vec![paid.clone(), paid] }
+/// Policy iteration from expected transitions, uniform over states and actions; the Q-values of all states, `A × S`.
+fn q_values(process: &FiniteMdp, basis: &Mat<f64>, options: &LspiOptions) -> Mat<f64> {
+    let fit = process.expected(basis.as_ref(), |_, _| 1.0).unwrap().fit(options).unwrap();
+    assert!(fit.converged);
+    fit.action_values(basis.as_ref()).unwrap()
 }
 
-/// Expected transitions of a finite process as weighted samples: exact, where sampling would be noisy.
-struct Expected {
-    phi: Mat<f64>,
-    next: Mat<f64>,
-    actions: Vec<usize>,
-    weights: Vec<f64>,
-    rewards: Vec<f64>,
+fn letters(q: &Mat<f64>) -> String {
+    chain_walk::letters(&Policy::greedy(q.as_ref()).unwrap().chosen())
 }
 
-fn expected(process: &Finite, basis: impl Fn(usize) -> Vec<f64>, weight: impl Fn(usize, usize) -> f64) -> Expected {
-    let (mut from, mut to) = (Vec::new(), Vec::new());
-    let mut samples = Expected { phi: Mat::new(), next: Mat::new(), actions: vec![], weights: vec![], rewards: vec![] };
-    for a in 0..2 {
-        for s in 0..process.states {
-            for &(next, probability) in &process.next[a][s] {
-                from.push(basis(s));
-                to.push(basis(next));
-                samples.actions.push(a);
-                samples.weights.push(probability * weight(s, a));
-                samples.rewards.push(process.reward[a][s]);
-            }
-        }
-    }
-    let f = from[0].len();
-    samples.phi = Mat::from_fn(f, from.len(), |i, j| from[j][i]);
-    samples.next = Mat::from_fn(f, to.len(), |i, j| to[j][i]);
-    samples
-}
-
-impl Expected {
-    fn fit(&self, options: &LspiOptions) -> Fit {
-        let data = Samples { phi: self.phi.as_ref(), actions: &self.actions, weights: &self.weights };
-        Lspi::new(data, 2, Par::Seq)
-            .unwrap()
-            .fit(&Outcomes { next: self.next.as_ref(), rewards: &self.rewards, allowed: None }, options)
-            .unwrap()
-    }
-}
-
-fn one_hot(states: usize) -> impl Fn(usize) -> Vec<f64> {
-    move |s| (0..states).map(|i| f64::from(u8::from(i == s))).collect()
-}
-
-/// Powers of the state, scaled to [0, 1]: the polynomial basis of Lagoudakis & Parr, better conditioned.
-fn powers(states: usize, degree: i32) -> impl Fn(usize) -> Vec<f64> {
-    move |s| (0..=degree).map(|p| (s as f64 / (states - 1) as f64).powi(p)).collect()
-}
-
-fn q_values(fit: &Fit, basis: impl Fn(usize) -> Vec<f64>, states: usize) -> Vec<[f64; 2]> {
-    (0..states)
-        .map(|s| {
-            let phi = basis(s);
-            let q = |a: usize| phi.iter().enumerate().map(|(i, p)| p * fit.weights[(i, a)]).sum();
-            [q(LEFT), q(RIGHT)]
-        })
-        .collect()
-}
-
-fn policy_of(q: &[[f64; 2]]) -> String {
-    q.iter().map(|values| if greedy(*values) == LEFT { 'L' } else { 'R' }).collect()
-}
-
+/// Lagoudakis & Parr 2003, §9.1: their V* and Q, to the digits that they print.
 #[test]
 fn chain_of_four_states_with_a_quadratic_basis() {
-    let process = chain(4, 0.9, &[1, 2]);
-    let tabular = expected(&process, one_hot(4), |_, _| 1.0).fit(&LspiOptions::default());
-    let q = q_values(&tabular, one_hot(4), 4);
-    for (s, (left, right)) in [7.38, 8.38, 9.1, 8.1].into_iter().zip([8.1, 9.1, 8.38, 7.38]).enumerate() {
-        assert!((q[s][LEFT] - left).abs() < 0.02, "Q({s}, L) = {}", q[s][LEFT]);
-        assert!((q[s][RIGHT] - right).abs() < 0.02, "Q({s}, R) = {}", q[s][RIGHT]);
+    let process = koller_parr::process().unwrap();
+    let q = q_values(&process, &tabular(&process), &LspiOptions::default());
+    let known = [[7.38, 8.38, 9.1, 8.1], [8.1, 9.1, 8.38, 7.38]];
+    for (a, known) in known.into_iter().enumerate() {
+        for (s, known) in known.into_iter().enumerate() {
+            assert!((q[(a, s)] - known).abs() < 0.02, "Q({s}, {a}) = {}", q[(a, s)]);
+        }
     }
-    let quadratic = expected(&process, powers(4, 2), |_, _| 1.0).fit(&LspiOptions::default());
-    assert_eq!(policy_of(&q_values(&quadratic, powers(4, 2), 4)), "RRLL");
-    assert!(quadratic.converged);
+    for (s, known) in [8.1, 9.1, 9.1, 8.1].into_iter().enumerate() {
+        assert!((q[(0, s)].max(q[(1, s)]) - known).abs() < 0.02);
+    }
+    assert_eq!(letters(&q_values(&process, &koller_parr::basis(), &LspiOptions::default())), "RRLL");
 }
 
 #[test]
 fn chain_of_twenty_states_with_a_polynomial_of_degree_four() {
-    let process = chain(20, 0.9, &[0, 19]);
+    let process = chain_walk::twenty().unwrap();
     let known = [9.022624, 7.936650, 6.981385, 6.141097, 5.401948, 4.751766, 4.179869, 3.677099, 3.237833, 2.882027];
-    let tabular = expected(&process, one_hot(20), |_, _| 1.0).fit(&LspiOptions::default());
-    let q = q_values(&tabular, one_hot(20), 20);
+    let q = q_values(&process, &tabular(&process), &LspiOptions::default());
+    let optimum = exact::policy_iteration(&process).unwrap();
     for s in 0..20 {
-        let value = q[s][LEFT].max(q[s][RIGHT]);
         let known = known[if s < 10 { s } else { 19 - s }];
-        assert!((value - known).abs() < 1e-6, "V({s}) = {value}, known {known}");
+        for value in [q[(0, s)].max(q[(1, s)]), optimum.values[s]] {
+            assert!((value - known).abs() < 1e-6, "V({s}) = {value}, known {known}");
+        }
     }
-    let polynomial = expected(&process, powers(20, 4), |_, _| 1.0).fit(&LspiOptions::default());
-    assert_eq!(policy_of(&q_values(&polynomial, powers(20, 4), 20)), "LLLLLLLLLLRRRRRRRRRR");
+    let polynomial = q_values(&process, &bases::powers(20, 4), &LspiOptions::default());
+    assert_eq!(letters(&polynomial), "LLLLLLLLLLRRRRRRRRRR");
 }
 
-/// Koller & Parr 2000: LSTD weights from the current policy's own visits swing for ever, uniform ones settle.
+/// Koller & Parr 2000: weights from the current policy's own visits swing for ever, uniform ones settle at once.
 #[test]
 fn koller_parr_chain_needs_uniform_weights() {
-    let process = chain(4, 0.9, &[1, 2]);
-    let uniform = expected(&process, powers(4, 2), |_, _| 1.0).fit(&LspiOptions::default());
-    assert_eq!(policy_of(&q_values(&uniform, powers(4, 2), 4)), "RRLL");
-    assert!(uniform.converged && uniform.iterations <= 3, "{} iterations", uniform.iterations);
+    let process = koller_parr::process().unwrap();
+    let basis = koller_parr::basis();
+    let fit = process.expected(basis.as_ref(), |_, _| 1.0).unwrap().fit(&LspiOptions::default()).unwrap();
+    assert_eq!(chain_walk::letters(&fit.policy(basis.as_ref()).unwrap().chosen()), "RRLL");
+    // The first evaluation finds the policy, the second one confirms it.
+    assert!(fit.converged && fit.iterations == 2, "{} iterations", fit.iterations);
 
-    // On-policy: every state is weighted by how often the policy itself visits it, values by LSTD, improvement by the model.
-    let mut policy = vec![RIGHT; 4];
-    let mut history = Vec::new();
-    for _ in 0..12 {
-        let mut visits = [0.25f64; 4];
-        for _ in 0..2000 {
-            let mut next = [0.0; 4];
-            for s in 0..4 {
-                for &(to, p) in &process.next[policy[s]][s] {
-                    next[to] += p * visits[s];
-                }
-            }
-            visits = next;
-        }
-        let basis = powers(4, 2);
-        let (mut from, mut to, mut weights, mut rewards) = (vec![], vec![], vec![], vec![]);
-        for s in 0..4 {
-            for &(next, p) in &process.next[policy[s]][s] {
-                from.push(basis(s));
-                to.push(basis(next));
-                weights.push(p * visits[s]);
-                rewards.push(process.reward[policy[s]][s]);
-            }
-        }
-        let phi = Mat::from_fn(3, from.len(), |i, j| from[j][i]);
-        let next = Mat::from_fn(3, to.len(), |i, j| to[j][i]);
-        let w = lstd(phi.as_ref(), next.as_ref(), &rewards, &weights, 0.9, 0.0).unwrap();
-        let value = |s: usize| basis(s).iter().zip(&w).map(|(p, w)| p * w).sum::<f64>();
-        policy = (0..4)
-            .map(|s| greedy((0..2).map(|a| process.next[a][s].iter().map(|&(to, p)| p * value(to)).sum::<f64>())))
-            .collect();
-        history.push(policy.iter().map(|&a| if a == LEFT { 'L' } else { 'R' }).collect::<String>());
+    let start = Policy::deterministic(&[chain_walk::RIGHT; 4], 2).unwrap();
+    let history: Vec<String> = koller_parr::on_policy_iteration(&start, 12)
+        .unwrap()
+        .iter()
+        .map(|policy| chain_walk::letters(&policy.chosen()))
+        .collect();
+    for (iteration, policy) in history.iter().enumerate() {
+        assert_eq!(policy, if iteration % 2 == 0 { "RRRR" } else { "LLLL" }, "{history:?}");
     }
-    let last: Vec<&str> = history[8..].iter().map(String::as_str).collect();
-    assert!(last == ["LLLL", "RRRR", "LLLL", "RRRR"] || last == ["RRRR", "LLLL", "RRRR", "LLLL"], "{history:?}");
 }
 
+/// The LSPI test of the dlib library: a deterministic chain, 1 paid for going right in the last state.
 #[test]
 fn deterministic_chain_of_dlib() {
-    let mut process = chain(4, 1.0, &[]);
-    process.reward[RIGHT][3] = 1.0;
-    let options = LspiOptions { gamma: 0.8, ..LspiOptions::default() };
-    let fit = expected(&process, one_hot(4), |_, _| 1.0).fit(&options);
-    let q = q_values(&fit, one_hot(4), 4);
+    let walk = chain_walk::process(4, 1.0, 0.8, &[]).unwrap();
+    let process = FiniteMdp::new(4, 2, 0.8, |s, a| {
+        let reward = f64::from(u8::from((s, a) == (3, chain_walk::RIGHT)));
+        walk.successors(s, a).iter().map(|to| Successor { reward, ..*to }).collect()
+    })
+    .unwrap();
+    let q = q_values(&process, &tabular(&process), &LspiOptions { gamma: 0.8, ..LspiOptions::default() });
     let known = [[2.048, 2.56], [2.048, 3.2], [2.56, 4.0], [3.2, 5.0]];
-    for s in 0..4 {
-        for a in 0..2 {
-            assert!((q[s][a] - known[s][a]).abs() < 1e-9, "Q({s}, {a}) = {}", q[s][a]);
+    for (s, known) in known.into_iter().enumerate() {
+        for (a, known) in known.into_iter().enumerate() {
+            assert!((q[(a, s)] - known).abs() < 1e-9, "Q({s}, {a}) = {}", q[(a, s)]);
         }
     }
 }
 
-/// Boyan 1999: 13 states, hops of one or two towards the end, linear features over 4 anchors; V = −2s.
+/// The thesis's figures 3.1 and 3.2: value and Q-value are powers of γ by the distance to the goal.
 #[test]
-fn boyan_chain_needs_its_terminal_transition() {
-    let basis = |s: usize| -> Vec<f64> {
-        (0..4).map(|i| (1.0 - (s as f64 - (12.0 - 4.0 * i as f64)).abs() / 4.0).max(0.0)).collect()
+fn sixteen_by_sixteen_of_the_thesis() {
+    let process = sixteen::process().unwrap();
+    let places = sixteen::rooms().unwrap().places().to_vec();
+    let worth = |s: usize| match sixteen::distance(places[s]) {
+        0 => 0.0,
+        d => sixteen::GAMMA.powi(d as i32 - 1),
     };
-    let solve = |with_end: bool| {
-        let (mut from, mut to, mut weights, mut rewards) = (vec![], vec![], vec![], vec![]);
-        let mut add = |s: usize, next: Vec<f64>, weight: f64, reward: f64| {
-            from.push(basis(s));
-            to.push(next);
-            weights.push(weight);
-            rewards.push(reward);
-        };
-        for s in 2..=12 {
-            add(s, basis(s - 1), 0.5, -3.0);
-            add(s, basis(s - 2), 0.5, -3.0);
-        }
-        add(1, basis(0), 1.0, -2.0);
-        if with_end {
-            add(0, vec![0.0; 4], 1.0, 0.0);
-        }
-        let phi = Mat::from_fn(4, from.len(), |i, j| from[j][i]);
-        let next = Mat::from_fn(4, to.len(), |i, j| to[j][i]);
-        lstd(phi.as_ref(), next.as_ref(), &rewards, &weights, 1.0, 0.0).unwrap()
-    };
-    for (with_end, known) in [(true, [-24.0, -16.0, -8.0, 0.0]), (false, [-12.0, -4.0, 4.0, 12.0])] {
-        for (found, known) in solve(with_end).iter().zip(known) {
-            assert!((found - known).abs() < 1e-8, "{with_end}: {found} against {known}");
+    let arrows = sixteen::policy().unwrap();
+    let of_arrows = exact::values(&process, &arrows).unwrap();
+    let of_chain = exact::values(&sixteen::reward_process().unwrap(), &Policy::uniform(256, 1).unwrap()).unwrap();
+    let optimum = exact::policy_iteration(&process).unwrap();
+    let q = exact::action_values(&process, &of_arrows).unwrap();
+    let rooms = sixteen::rooms().unwrap();
+    for s in 0..256 {
+        assert!((of_arrows[s] - worth(s)).abs() < 1e-12 && (of_chain[s] - worth(s)).abs() < 1e-12);
+        assert!((optimum.values[s] - worth(s)).abs() < 1e-12);
+        for a in (0..4).filter(|_| !process.is_terminal(s)) {
+            let after = rooms.neighbour(s, a);
+            let known = if process.is_terminal(after) { 1.0 } else { 0.9 * worth(after) };
+            assert!((q[(a, s)] - known).abs() < 1e-12, "Q({s}, {a})");
         }
     }
 }
 
-/// With one feature per state, LSPI is policy iteration: the optimal values of a random process, by value iteration.
+/// Policy iteration in rooms: as many steps as breadth-first search finds.
 #[test]
-fn tabular_features_reproduce_exact_policy_iteration() {
-    let mut rng = generator(31);
-    let states = 12;
-    let mut process = chain(states, 1.0, &[]);
-    for a in 0..2 {
-        for s in 0..states {
-            let targets = [rng.random_range(0..states), rng.random_range(0..states)];
-            let p = rng.random_range(0.1..0.9);
-            process.next[a][s] = vec![(targets[0], p), (targets[1], 1.0 - p)];
-            process.reward[a][s] = rng.random_range(-1.0..1.0);
-        }
-    }
-    let mut values = vec![0.0; states];
-    let q = |values: &[f64], s: usize, a: usize| {
-        process.reward[a][s] + 0.9 * process.next[a][s].iter().map(|&(to, p)| p * values[to]).sum::<f64>()
-    };
-    for _ in 0..2000 {
-        values = (0..states).map(|s| q(&values, s, 0).max(q(&values, s, 1))).collect();
-    }
-    for mixing in [1.0, 0.3] {
-        let options = LspiOptions { mixing, tolerance: 1e-10, max_iterations: 500, ..LspiOptions::default() };
-        let fit = expected(&process, one_hot(states), |_, _| 1.0).fit(&options);
-        assert!(fit.converged, "mixing {mixing}");
-        for (s, found) in q_values(&fit, one_hot(states), states).iter().enumerate() {
-            for (a, found) in found.iter().enumerate() {
-                assert!((found - q(&values, s, a)).abs() < 1e-7, "mixing {mixing}, Q({s}, {a})");
+fn values_in_two_rooms_count_the_steps() {
+    let rooms = rooms::Rooms::parse(rooms::TWO_ROOMS).unwrap();
+    let process = rooms.process(0.9, 0.0).unwrap();
+    let optimum = exact::policy_iteration(&process).unwrap();
+    let mut steps: Vec<Option<i32>> = (0..rooms.states()).map(|s| process.is_terminal(s).then_some(0)).collect();
+    for round in 0..100 {
+        for s in 0..rooms.states() {
+            if steps[s].is_none() && (0..4).any(|a| steps[rooms.neighbour(s, a)] == Some(round)) {
+                steps[s] = Some(round + 1);
             }
         }
     }
+    for (s, steps) in steps.into_iter().enumerate().filter(|(_, steps)| *steps != Some(0)) {
+        assert!((optimum.values[s] - 0.9f64.powi(steps.unwrap() - 1)).abs() < 1e-12, "state {s}");
+    }
+    // The far corner: 3 lines to the door's, 14 columns, 3 lines.
+    assert!((optimum.values[0] - 0.9f64.powi(19)).abs() < 1e-12);
+    let slippery = exact::policy_iteration(&rooms.process(0.9, 0.2).unwrap()).unwrap();
+    assert!(slippery.values[0] < optimum.values[0]);
 }
 
-/// Lagoudakis & Parr 2003, §9.2: the pendulum with 9 radial features and a constant per action, random episodes.
+/// A process of `states` states in which each action leads to two states.
+fn random_process(states: usize, actions: usize, seed: u64) -> FiniteMdp {
+    let mut rng = stream(seed, "process");
+    let mut drawn = Vec::new();
+    for _ in 0..states * actions {
+        let p: f64 = rng.random_range(0.1..0.9);
+        let mut to = |probability| Successor {
+            state: rng.random_range(0..states),
+            probability,
+            reward: rng.random_range(-1.0..1.0),
+        };
+        drawn.push(vec![to(p), to(1.0 - p)]);
+    }
+    FiniteMdp::new(states, actions, 0.9, |s, a| drawn[s * actions + a].clone()).unwrap()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    /// With one feature for each state LSPI is policy iteration, and both find what value iteration finds.
+    #[test]
+    fn tabular_features_reproduce_exact_policy_iteration(
+        states in 1usize..20, actions in 1usize..5, seed in 0u64..10_000, mixed in any::<bool>()
+    ) {
+        let process = random_process(states, actions, seed);
+        let optimum = exact::policy_iteration(&process).unwrap();
+        let swept = exact::value_iteration(&process, 1e-12, 5000).unwrap();
+        let mixing = if mixed { 0.3 } else { 1.0 };
+        let options = LspiOptions { mixing, tolerance: 1e-10, max_iterations: 500, ..LspiOptions::default() };
+        let q = q_values(&process, &tabular(&process), &options);
+        for s in 0..states {
+            prop_assert!((optimum.values[s] - swept.values[s]).abs() < 1e-9);
+            for a in 0..actions {
+                prop_assert!((q[(a, s)] - optimum.q[(a, s)]).abs() < 1e-7, "Q({s}, {a}), mixing {mixing}");
+            }
+        }
+    }
+
+    /// Where all residuals are zero, soft actions are greedy ones (or share among equals), and reweighting changes nothing.
+    #[test]
+    fn options_of_the_outlook_keep_exact_solutions(states in 2usize..12, seed in 0u64..10_000) {
+        let mut rng = stream(seed, "deterministic");
+        let drawn: Vec<(usize, f64)> =
+            (0..states * 2).map(|_| (rng.random_range(0..states), rng.random_range(-1.0..1.0))).collect();
+        let process = FiniteMdp::new(states, 2, 0.9, |s, a| {
+            let (state, reward) = drawn[s * 2 + a];
+            vec![Successor { state, probability: 1.0, reward }]
+        })
+        .unwrap();
+        let optimum = exact::policy_iteration(&process).unwrap();
+        for (soft, closeness) in [(true, None), (false, Some(0.5)), (true, Some(0.5))] {
+            let options = LspiOptions { soft, closeness, tolerance: 1e-9, ..LspiOptions::default() };
+            let q = q_values(&process, &tabular(&process), &options);
+            prop_assert!((&q - &optimum.q).norm_max() < 1e-7, "soft {soft}, closeness {closeness:?}");
+        }
+    }
+}
+
+/// Lagoudakis & Parr 2003, §9.2: about 2850 of 3000 steps on average after 1000 training episodes.
+///
+/// Over 20 training sets plain LSPI balances all 3000 steps from 19, and 5 steps from the one on which it runs in a circle:
+/// 2850 on average. Mixing policies (β = 0.3) settles on that one too.
 #[test]
 fn inverted_pendulum_is_balanced_after_a_thousand_random_episodes() {
-    const FORCE: [f64; 3] = [-50.0, 0.0, 50.0];
-    let step = |(angle, speed): (f64, f64), force: f64| {
-        // 0.1 s in ten Euler steps: mass 2 kg, cart 8 kg, length 0.5 m.
-        let (mut angle, mut speed) = (angle, speed);
-        let alpha = 1.0 / 10.0;
-        for _ in 0..10 {
-            let acceleration = (9.8 * angle.sin()
-                - alpha * 2.0 * 0.5 * speed * speed * (2.0 * angle).sin() / 2.0
-                - alpha * angle.cos() * force)
-                / (4.0 * 0.5 / 3.0 - alpha * 2.0 * 0.5 * angle.cos().powi(2));
-            angle += 0.01 * speed;
-            speed += 0.01 * acceleration;
+    for (mixing, at_least) in [(1.0, 2700.0), (0.3, 2850.0)] {
+        let options =
+            LspiOptions { gamma: pendulum::GAMMA, ridge: 1e-6, mixing, tolerance: 1e-4, ..LspiOptions::default() };
+        let mut means = Vec::new();
+        for seed in 0..20 {
+            let mut rng = stream(seed, "pendulum");
+            let fit = pendulum::random_episodes(1000, &mut rng).unwrap().fit(&options).unwrap();
+            let trials = 50;
+            let steps: usize =
+                (0..trials).map(|_| pendulum::balanced_steps(fit.weights.as_ref(), 3000, &mut rng).unwrap()).sum();
+            means.push(steps as f64 / f64::from(trials));
+            assert!(fit.converged || *means.last().unwrap() < 2850.0, "only circles fail");
         }
-        (angle, speed)
-    };
-    let basis = |(angle, speed): (f64, f64)| -> Vec<f64> {
-        let quarter = std::f64::consts::FRAC_PI_4;
-        let mut phi = vec![1.0];
-        for centre in [-quarter, 0.0, quarter] {
-            for rate in [-1.0, 0.0, 1.0] {
-                phi.push((-((angle - centre).powi(2) + (speed - rate).powi(2)) / 2.0).exp());
-            }
-        }
-        phi
-    };
-    let fallen = |angle: f64| angle.abs() > std::f64::consts::FRAC_PI_2;
-    let mut rng = generator(5);
-    let (mut from, mut to, mut actions, mut rewards) = (vec![], vec![], vec![], vec![]);
-    for _ in 0..1000 {
-        let mut state = (rng.random_range(-0.2..0.2), rng.random_range(-0.2..0.2));
-        while !fallen(state.0) {
-            let action = rng.random_range(0..3usize);
-            let next = step(state, FORCE[action] + rng.random_range(-10.0..10.0));
-            from.push(basis(state));
-            to.push(if fallen(next.0) { vec![0.0; 10] } else { basis(next) });
-            actions.push(action);
-            rewards.push(if fallen(next.0) { -1.0 } else { 0.0 });
-            state = next;
-        }
+        let mean = means.iter().sum::<f64>() / means.len() as f64;
+        let spread = (means.iter().map(|m| (m - mean).powi(2)).sum::<f64>() / (means.len() - 1) as f64).sqrt();
+        println!("mixing {mixing}: {mean:.0} of 3000 steps on average, spread {spread:.0} over sets: {means:.0?}");
+        assert!(mean > at_least, "mixing {mixing}: balanced {mean} of 3000 steps on average");
     }
-    let n = from.len();
-    let phi = Mat::from_fn(10, n, |i, j| from[j][i]);
-    let next = Mat::from_fn(10, n, |i, j| to[j][i]);
-    let weights = vec![1.0; n];
-    let data = Samples { phi: phi.as_ref(), actions: &actions, weights: &weights };
-    let options = LspiOptions { gamma: 0.95, ridge: 1e-6, ..LspiOptions::default() };
-    let fit = Lspi::new(data, 3, Par::Seq)
-        .unwrap()
-        .fit(&Outcomes { next: next.as_ref(), rewards: &rewards, allowed: None }, &options)
-        .unwrap();
-    let trials = 40;
-    let mut balanced = 0;
-    for _ in 0..trials {
-        let mut state = (rng.random_range(-0.2..0.2), rng.random_range(-0.2..0.2));
-        for _ in 0..3000 {
-            let phi = basis(state);
-            let action =
-                greedy((0..3).map(|a| phi.iter().enumerate().map(|(i, p)| p * fit.weights[(i, a)]).sum::<f64>()));
-            state = step(state, FORCE[action] + rng.random_range(-10.0..10.0));
-            if fallen(state.0) {
-                break;
-            }
-            balanced += 1;
-        }
-    }
-    let mean = f64::from(balanced) / f64::from(trials);
-    println!("balanced {mean} of 3000 steps on average");
-    // Published: about 2850 on average over many training sets.
-    assert!(mean > 2700.0, "balanced {mean} of 3000 steps on average");
 }
 
 #[test]
@@ -346,57 +257,33 @@ fn a_circle_of_greedy_policies_is_found() {
 #[test]
 fn actions_that_may_not_follow_do_not_count() {
     let places = 8;
-    let step = |s: usize, a: usize| if a == LEFT { (s + places - 1) % places } else { (s + 1) % places };
-    let mut process = chain(places, 1.0, &[0]);
-    for a in 0..2 {
-        for s in 0..places {
-            process.next[a][s] = vec![(step(s, a), 1.0)];
-        }
-    }
-    let samples = expected(&process, one_hot(places), |_, _| 1.0);
-    let data = Samples { phi: samples.phi.as_ref(), actions: &samples.actions, weights: &samples.weights };
-    let problem = Lspi::new(data, 2, Par::Seq).unwrap();
+    let step = |s: usize, a: usize| if a == chain_walk::LEFT { (s + places - 1) % places } else { (s + 1) % places };
+    let ring = FiniteMdp::new(places, 2, 0.9, |s, a| {
+        vec![Successor { state: step(s, a), probability: 1.0, reward: f64::from(u8::from(s == 0)) }]
+    })
+    .unwrap();
+    let batch = ring.expected(tabular(&ring).as_ref(), |_, _| 1.0).unwrap();
+    let problem = batch.lspi().unwrap();
     // After a turn only the same turn may follow.
-    let allowed: Vec<u32> = samples.actions.iter().map(|&a| 1 << a).collect();
-    let outcomes = Outcomes { next: samples.next.as_ref(), rewards: &samples.rewards, allowed: Some(&allowed) };
+    let allowed: Vec<u32> = batch.samples().actions.iter().map(|&a| 1 << a).collect();
+    let outcomes = Outcomes { allowed: Some(&allowed), ..batch.outcomes() };
     let fit = problem.fit(&outcomes, &LspiOptions::default()).unwrap();
-    let q = q_values(&fit, one_hot(places), places);
+    let q = fit.action_values(tabular(&ring).as_ref()).unwrap();
     // The reward comes once in a round: from a place that is t turns away it is worth γᵗ/(1 − γ⁸).
     let round = 1.0 / (1.0 - 0.9f64.powi(places as i32));
-    for (s, found) in q.iter().enumerate() {
+    for s in 0..places {
         let to_left = s as i32;
         let to_right = (places as i32 - to_left) % places as i32;
-        assert!((found[LEFT] - 0.9f64.powi(to_left) * round).abs() < 1e-9, "Q({s}, L) = {}", found[LEFT]);
-        assert!((found[RIGHT] - 0.9f64.powi(to_right) * round).abs() < 1e-9, "Q({s}, R) = {}", found[RIGHT]);
+        for (a, turns) in [(chain_walk::LEFT, to_left), (chain_walk::RIGHT, to_right)] {
+            assert!((q[(a, s)] - 0.9f64.powi(turns) * round).abs() < 1e-9, "Q({s}, {a}) = {}", q[(a, s)]);
+        }
     }
-    let nothing = vec![0; samples.actions.len()];
+    let soft = problem.fit(&outcomes, &LspiOptions { soft: true, ..LspiOptions::default() }).unwrap();
+    assert!((&soft.weights - &fit.weights).norm_max() < 1e-9);
+    let nothing = vec![0; batch.len()];
     let outcomes = Outcomes { allowed: Some(&nothing), ..outcomes };
     assert_eq!(
         problem.fit(&outcomes, &LspiOptions::default()).unwrap_err(),
         ValueError::NothingAllowed { index: 0, actions: 2 }
-    );
-}
-
-#[test]
-fn impossible_requests_are_refused_with_their_numbers() {
-    let phi = Mat::<f64>::zeros(2, 3);
-    let data = Samples { phi: phi.as_ref(), actions: &[0, 1, 2], weights: &[1.0; 3] };
-    assert_eq!(Lspi::new(data, 2, Par::Seq).unwrap_err(), ValueError::Action { index: 2, action: 2, actions: 2 });
-    let problem = Lspi::new(data, 3, Par::Seq).unwrap();
-    let options = LspiOptions { gamma: 1.0, ..LspiOptions::default() };
-    assert_eq!(
-        problem.fit(&Outcomes { next: phi.as_ref(), rewards: &[0.0; 3], allowed: None }, &options).unwrap_err(),
-        ValueError::Gamma(1.0)
-    );
-    assert_eq!(
-        problem
-            .fit(&Outcomes { next: phi.as_ref(), rewards: &[0.0; 2], allowed: None }, &LspiOptions::default())
-            .unwrap_err(),
-        ValueError::Length { what: "rewards", found: 2, expected: 3 }
-    );
-    assert!(
-        problem
-            .fit(&Outcomes { next: phi.as_ref(), rewards: &[f64::NAN; 3], allowed: None }, &LspiOptions::default())
-            .is_err()
     );
 }

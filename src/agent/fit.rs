@@ -62,7 +62,7 @@ impl FitPolicies {
         let actions: Vec<usize> = window.iter().map(|t| t.action).collect();
         let groups: Vec<(usize, usize)> =
             from.iter().zip(&actions).map(|(&place, &action)| (projected.cell[place], action)).collect();
-        let weights = balance(&groups, settings.balance);
+        let weights = balance(&groups, settings.balance)?;
         let samples = Samples { phi: phi.as_ref(), actions: &actions, weights: &weights };
         let problem = Lspi::new(samples, Action::ALL.len(), Par::Seq)?;
         let options = LspiOptions {
@@ -71,6 +71,7 @@ impl FitPolicies {
             mixing: settings.mixing,
             max_iterations: settings.max_iterations,
             tolerance: settings.tolerance,
+            ..LspiOptions::default()
         };
         let allowed: Vec<u32> = window.iter().map(|t| self.allowed_after(t)).collect();
         let tasks = self.scenario.tasks.iter().enumerate();

@@ -77,21 +77,24 @@ impl Link {
         Ok(links)
     }
 
+    /// Whether it gives a finite derivative.
     fn is_possible(&self) -> bool {
-        self.dt > 0.0 && self.dt.is_finite() && self.weight >= 0.0 && self.weight.is_finite()
+        let time = self.dt > 0.0 && self.dt.is_finite() && (1.0 / self.dt).is_finite();
+        time && self.weight >= 0.0 && self.weight.is_finite()
     }
 }
 
 /// Refuse links with an impossible time or weight.
 pub(super) fn check_links(links: &[Option<Link>]) -> Result<(), SlowError> {
-    for (at, link) in links.iter().enumerate() {
-        if let Some(link) = link
-            && !link.is_possible()
-        {
-            return Err(SlowError::Link { at, dt: link.dt, weight: link.weight });
-        }
+    links.iter().enumerate().try_for_each(|(at, &link)| check_link(at, link))
+}
+
+/// Refuse the link of one frame, number `at`, if its time or weight is impossible.
+pub(super) fn check_link(at: usize, link: Option<Link>) -> Result<(), SlowError> {
+    match link {
+        Some(link) if !link.is_possible() => Err(SlowError::Link { at, dt: link.dt, weight: link.weight }),
+        _ => Ok(()),
     }
-    Ok(())
 }
 
 /// Differences of a series over `lag` frames, as pairs `(later frame, link)`: Δt is the time between the two, the weight

@@ -14,9 +14,14 @@
 //! All of them come down to one problem: [`Moments`] hold the sums, [`solve()`](solve()) turns them into [`SlowFeatures`].
 //! [`SlowStream`] takes frames in blocks and grows the dictionary and the moments with them, and [`SlowModel`] is the form of
 //! its features for use on new observations.
+//!
+//! [`theory`] says what the features must look like when the true state is known, [`coherence`] has the other objectives of
+//! the same principle, and [`ica`] turns slow features into localised ones (place cells).
 
+pub mod coherence;
 mod expansion;
 mod hierarchy;
+pub mod ica;
 mod kernel;
 mod linear;
 mod links;
@@ -25,6 +30,7 @@ mod moments;
 mod reveal;
 mod solve;
 mod stream;
+pub mod theory;
 
 pub use expansion::{Expansion, Keep, MOST_MONOMIALS, Pca, Pipeline, Stage, Step};
 pub use hierarchy::{Layer, Network, Node, Shape, TrainedLayer};

@@ -1,64 +1,57 @@
-//! Least-squares policy iteration over a fixed set of transitions.
+//! Least-squares policy iteration over a fixed set of transitions, and the evaluation of one policy (LSQ).
 //!
-//! The weights of action `a` solve the block row `G_a w_a − γ Σ_b M_ab w_b = Σ_{i: a_i = a} ω_i φ_i r_i`, with
-//! `G_a = Σ_{i: a_i = a} ω_i φ_i φ_iᵀ`, which does not depend on the policy and is built once, and
-//! `M_ab = Σ_{i: a_i = a} ω_i π(b | x′_i) φ_i φ′_iᵀ`.
+//! *LSQ* is LSTD on state–action pairs: [`Lspi::evaluate`] solves the block system of a given policy once
+//! (thesis §3.2.2). *LSPI* alternates it with an improvement of the policy (thesis §3.3): only the actions that
+//! follow `x′_i` change, the samples stay.
 //!
 //! The first evaluation is of the policy that takes all actions alike (thesis §5.3.2: this doubled the range in which
 //! the iteration converges). Later ones move it towards the greedy policy, `π ← (1 − β)π + β·greedy`: with β = 1 this is
 //! plain LSPI, which can run in circles; such a circle is found and reported. `M` is linear in π, so a step costs one
 //! product per transition, `M ← (1 − β)M + β·M(greedy)`, whatever the mixture.
+//!
+//! In two rooms (slip 0.1, γ = 0.95, 500 random steps, 20 seeds) with 16 and 36 cosine features the runs that converged,
+//! and the value of their policies as a share of the optimum, were:
+//!
+//! | | 16 features | 36 features |
+//! |---|---|---|
+//! | plain, from all actions alike | 11 of 20, 0.40 ± 0.06 | 2 of 20, 0.11 ± 0.02 |
+//! | plain, from drawn actions | 7 of 20, 0.37 ± 0.07 | 2 of 20, 0.12 ± 0.03 |
+//! | β = 0.3 | 20 of 20, 0.58 ± 0.06 | 17 of 20, 0.57 ± 0.08 |
+//! | soft actions | 15 of 20, 0.50 ± 0.06 | 15 of 20, 0.52 ± 0.08 |
+//! | soft actions, β = 0.3 | 20 of 20, 0.58 ± 0.06 | 17 of 20, 0.58 ± 0.07 |
+//! | norm κ = 1 | 4 of 20, 0.23 ± 0.06 | 2 of 20, 0.09 ± 0.02 |
+//! | norm κ = 1, β = 0.3 | 14 of 20, 0.65 ± 0.06 | 14 of 20, 0.61 ± 0.06 |
+//!
+//! So mixing helps most. Soft actions help plain LSPI nearly as much, but add nothing to mixing. The norm alone does harm; with
+//! mixing its gain is within the error, and fewer runs converge. The thesis's gain from the first policy is a
+//! tendency at best here. (`cargo test --release --test outlook_value -- --ignored --nocapture` measures it.)
+//!
+//! Two ideas of the thesis's outlook are options, off by default: soft actions ([`Options::soft`], see
+//! [`maximiser_probabilities`](super::maximiser_probabilities)) and the policy-dependent norm ([`Options::closeness`],
+//! see [`closeness_weights`]). Both need the policy itself, `A × N`, and rebuild `M` in each step: `A` products per
+//! transition, and with the norm the Gram matrices too.
 
 use std::collections::HashMap;
 
-use faer::linalg::matmul::matmul;
-use faer::{Accum, Mat, MatRef, Par, Scale};
+use faer::{Mat, MatRef, Par};
+use rand::RngExt;
 
-use super::ValueError;
-use super::lstd::solve_or_pseudo_inverse;
+use super::blocks::{Blocks, Outcomes, Samples};
+use super::error::{discount, parameter, ridge};
+use super::norm::closeness_weights;
+use super::soft::LocalErrors;
+use super::{Policy, ValueError};
 
-/// States and the actions taken in them: column `i` of `phi` is what was seen before action `actions[i]`.
-#[derive(Debug, Clone, Copy)]
-pub struct Samples<'a> {
-    /// `Φ`, `f × N`.
-    pub phi: MatRef<'a, f64>,
-    /// Action numbers, `N`, each below the number of actions.
-    pub actions: &'a [usize],
-    /// Weights `ω` ≥ 0, `N`.
-    pub weights: &'a [f64],
-}
-
-/// What came of each sample, for one task.
-#[derive(Debug, Clone, Copy)]
-pub struct Outcomes<'a> {
-    /// `Φ′`, `f × N`: what was seen after each action; a zero column where the episode ended.
-    pub next: MatRef<'a, f64>,
-    /// Rewards, `N`.
-    pub rewards: &'a [f64],
-    /// Which actions may follow each sample, as bits (bit `b`: action `b` may), `N`; `None`: all of them.
-    ///
-    /// With rules such as "a turn is not undone" what may follow depends on the action taken, not on what came
-    /// before it, so `Q(x, a)` stays a function of `x` and `a`: `Q(x, a) = r + γ max_{b may follow} Q(x′, b)`.
-    pub allowed: Option<&'a [u32]>,
-}
-
-impl Outcomes<'_> {
-    fn allows(&self, sample: usize, action: usize) -> bool {
-        self.allowed.is_none_or(|allowed| allowed[sample] & (1 << action) != 0)
-    }
-
-    fn check(&self, n: usize, actions: usize) -> Result<(), ValueError> {
-        let allowed = self.allowed.map_or(n, <[u32]>::len);
-        for (what, found) in [("next", self.next.ncols()), ("rewards", self.rewards.len()), ("allowed", allowed)] {
-            if found != n {
-                return Err(ValueError::Length { what, found, expected: n });
-            }
-        }
-        match (0..n).find(|&sample| (0..actions).all(|action| !self.allows(sample, action))) {
-            Some(index) => Err(ValueError::NothingAllowed { index, actions }),
-            None => Ok(()),
-        }
-    }
+/// The policy of the first evaluation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Start {
+    /// All actions that may follow, alike: `φ′ = 1/|A| Σ_a φ(x′, a)` (thesis §5.3.2).
+    #[default]
+    Uniform,
+    /// For each sample one action, drawn with this seed: the initial random policy of the thesis's algorithm 5.
+    Drawn(u64),
+    /// For each sample the first action that may follow: greedy for weights that are all zero.
+    First,
 }
 
 /// Options of [`Lspi::fit`].
@@ -70,15 +63,53 @@ pub struct Options {
     pub ridge: f64,
     /// β: share of the greedy policy in each step, in (0, 1].
     pub mixing: f64,
-    /// Give up after this many evaluations.
+    /// Give up after this many evaluations, ≥ 1.
     pub max_iterations: usize,
-    /// Converged when no weight changes by more than this share of the largest one.
+    /// Converged when no weight changes by more than this share of the largest one, ≥ 0.
     pub tolerance: f64,
+    /// The policy of the first evaluation.
+    pub start: Start,
+    /// Let each action follow with the probability that it is the best one, given the local errors of the values,
+    /// instead of the greedy action alone.
+    pub soft: bool,
+    /// κ > 0 of the policy-dependent norm: samples whose two best actions are close in value weigh more, the more the
+    /// smaller κ is. `None`: weights as given.
+    pub closeness: Option<f64>,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Options { gamma: 0.9, ridge: 0.0, mixing: 1.0, max_iterations: 100, tolerance: 1e-6 }
+        Options {
+            gamma: 0.9,
+            ridge: 0.0,
+            mixing: 1.0,
+            max_iterations: 100,
+            tolerance: 1e-6,
+            start: Start::Uniform,
+            soft: false,
+            closeness: None,
+        }
+    }
+}
+
+impl Options {
+    fn check(&self) -> Result<(), ValueError> {
+        discount(self.gamma)?;
+        ridge(self.ridge)?;
+        if !(self.mixing > 0.0 && self.mixing <= 1.0) {
+            return Err(ValueError::Mixing(self.mixing));
+        }
+        if self.max_iterations == 0 {
+            return Err(ValueError::Iterations);
+        }
+        parameter("tolerance", self.tolerance, self.tolerance >= 0.0 && self.tolerance.is_finite(), "≥ 0 and finite")?;
+        let kappa = self.closeness.unwrap_or(1.0);
+        parameter("closeness", kappa, kappa > 0.0 && kappa.is_finite(), "> 0 and finite")
+    }
+
+    /// Whether a step changes nothing but the greedy actions, so that equal actions mean equal weights.
+    fn is_plain(&self) -> bool {
+        self.mixing == 1.0 && !self.soft && self.closeness.is_none()
     }
 }
 
@@ -95,17 +126,34 @@ pub struct Fit {
     pub cycle: Option<usize>,
 }
 
+impl Fit {
+    /// `Q(x, a)` of the columns of `phi`, `A × n`.
+    ///
+    /// # Errors
+    /// Another number of features than was fitted.
+    pub fn action_values(&self, phi: MatRef<'_, f64>) -> Result<Mat<f64>, ValueError> {
+        if phi.nrows() != self.weights.nrows() {
+            let expected = self.weights.nrows();
+            return Err(ValueError::Features { what: "phi", found: phi.nrows(), expected });
+        }
+        Ok(self.weights.transpose() * phi)
+    }
+
+    /// The greedy policy in the states whose features are the columns of `phi`.
+    ///
+    /// # Errors
+    /// Another number of features than was fitted.
+    pub fn policy(&self, phi: MatRef<'_, f64>) -> Result<Policy, ValueError> {
+        Policy::greedy(self.action_values(phi)?.as_ref())
+    }
+}
+
 /// The part of the problem that depends on neither policy nor rewards; tasks share it.
 #[derive(Debug)]
 pub struct Lspi<'a> {
     data: Samples<'a>,
     actions: usize,
-    /// Transition numbers of each action.
-    members: Vec<Vec<usize>>,
-    /// `ω_i φ_i` of the members of each action, `f × N_a`.
-    weighted: Vec<Mat<f64>>,
-    /// `G_a`, `f × f`.
-    gram: Vec<Mat<f64>>,
+    blocks: Blocks,
     par: Par,
 }
 
@@ -113,156 +161,175 @@ impl<'a> Lspi<'a> {
     /// Prepare the samples for fitting.
     ///
     /// # Errors
-    /// Lists of different lengths, no transitions, an action out of range.
+    /// Lists of different lengths, no transitions, no features, an action out of range, weights that are negative, values
+    /// that are not finite.
     pub fn new(data: Samples<'a>, actions: usize, par: Par) -> Result<Self, ValueError> {
-        let n = data.phi.ncols();
-        if n == 0 {
-            return Err(ValueError::Empty);
-        }
-        for (what, found) in [("actions", data.actions.len()), ("weights", data.weights.len())] {
-            if found != n {
-                return Err(ValueError::Length { what, found, expected: n });
-            }
-        }
-        let mut members = vec![Vec::new(); actions];
-        for (index, &action) in data.actions.iter().enumerate() {
-            members.get_mut(action).ok_or(ValueError::Action { index, action, actions })?.push(index);
-        }
-        let f = data.phi.nrows();
-        let mut weighted = Vec::with_capacity(actions);
-        let mut gram = Vec::with_capacity(actions);
-        for of_action in &members {
-            let plain = Mat::from_fn(f, of_action.len(), |i, j| data.phi[(i, of_action[j])]);
-            let heavy = Mat::from_fn(f, of_action.len(), |i, j| plain[(i, j)] * data.weights[of_action[j]]);
-            let mut g = Mat::zeros(f, f);
-            matmul(g.as_mut(), Accum::Replace, heavy.as_ref(), plain.transpose(), 1.0, par);
-            weighted.push(heavy);
-            gram.push(g);
-        }
-        Ok(Lspi { data, actions, members, weighted, gram, par })
+        let blocks = Blocks::new(data, actions, par)?;
+        Ok(Lspi { data, actions, blocks, par })
+    }
+
+    /// LSQ: the Q-weights of a fixed policy, `f × A`.
+    ///
+    /// Column `i` of `policy` tells which actions follow sample `i`, at `x′_i` (see [`Policy::at`]); what
+    /// [`Outcomes::allowed`] says does not matter here. γ = 1 is allowed, for tasks that end.
+    ///
+    /// # Errors
+    /// Outcomes or a policy of another size than the samples, γ outside [0, 1], a negative ridge, values that are not
+    /// finite.
+    ///
+    /// # Reference
+    /// Lagoudakis & Parr 2003 (LSTDQ); thesis §3.2.2, algorithm 4, there with one drawn action `a′_i`, here with its
+    /// expectation over the policy.
+    pub fn evaluate(
+        &self,
+        outcomes: &Outcomes<'_>,
+        policy: &Policy,
+        gamma: f64,
+        ridge: f64,
+    ) -> Result<Mat<f64>, ValueError> {
+        outcomes.check(self.data.phi.nrows(), self.data.phi.ncols(), self.actions)?;
+        policy.check_size(self.data.phi.ncols(), self.actions)?;
+        super::error::discount_or_one(gamma)?;
+        super::error::ridge(ridge)?;
+        let cross = self.blocks.cross_of(outcomes.next, policy.probabilities());
+        self.blocks.solve(&cross, &self.blocks.right_hand_side(outcomes.rewards), gamma, ridge)
     }
 
     /// Policy iteration for one task.
     ///
     /// # Errors
-    /// Outcomes of another length than the samples, a sample after which nothing is allowed, options outside their
+    /// Outcomes of another size than the samples, a sample after which nothing is allowed, options outside their
     /// ranges, values that are not finite.
     ///
     /// # Reference
     /// Lagoudakis & Parr 2003; thesis §3.3, algorithm 5.
     pub fn fit(&self, outcomes: &Outcomes<'_>, options: &Options) -> Result<Fit, ValueError> {
-        outcomes.check(self.data.phi.ncols(), self.actions)?;
-        if !(0.0..1.0).contains(&options.gamma) {
-            return Err(ValueError::Gamma(options.gamma));
-        }
-        if !(options.ridge >= 0.0 && options.ridge.is_finite()) {
-            return Err(ValueError::Ridge(options.ridge));
-        }
-        if !(options.mixing > 0.0 && options.mixing <= 1.0) {
-            return Err(ValueError::Mixing(options.mixing));
-        }
-        let right = self.right_hand_side(outcomes.rewards);
-        let mut cross = self.cross_of_uniform(outcomes);
+        outcomes.check(self.data.phi.nrows(), self.data.phi.ncols(), self.actions)?;
+        options.check()?;
+        let mut system = System::new(self, outcomes, options)?;
         let mut weights = Mat::zeros(self.data.phi.nrows(), self.actions);
         let mut chosen: Vec<usize> = Vec::new();
         let mut seen: HashMap<Vec<usize>, usize> = HashMap::new();
         let mut fit = Fit { weights: weights.clone(), iterations: 0, converged: false, cycle: None };
         for iteration in 1..=options.max_iterations {
-            let new = self.evaluate(&cross, &right, options)?;
+            let new = system.solve()?;
             let change = (&new - &weights).norm_max();
             let settled = change <= options.tolerance * new.norm_max();
             weights = new;
-            let next_chosen = self.greedy_after(outcomes, &weights);
+            let q = self.blocks.action_values(&weights, outcomes.next);
+            let next_chosen = greedy_after(outcomes, &q);
             let same = next_chosen == chosen;
             chosen = next_chosen;
             fit.iterations = iteration;
-            if same && (settled || options.mixing == 1.0) {
+            if same && (settled || options.is_plain()) {
                 fit.converged = true;
                 break;
             }
-            if options.mixing == 1.0
+            if options.is_plain()
                 && let Some(before) = seen.insert(chosen.clone(), iteration)
             {
                 fit.cycle = Some(iteration - before);
                 break;
             }
-            self.mix_in_greedy(&mut cross, outcomes.next, &chosen, options.mixing);
+            system.improve(&weights, &q, &chosen)?;
         }
         fit.weights = weights;
         Ok(fit)
     }
+}
 
-    /// `b_a = Σ_{i: a_i = a} ω_i φ_i r_i`, stacked, `fA × 1`.
-    fn right_hand_side(&self, rewards: &[f64]) -> Mat<f64> {
-        let f = self.data.phi.nrows();
-        let mut right = Mat::zeros(f * self.actions, 1);
-        for (a, members) in self.members.iter().enumerate() {
-            let of_action = Mat::from_fn(members.len(), 1, |i, _| rewards[members[i]]);
-            let part = &self.weighted[a] * of_action;
-            right.as_mut().subrows_mut(a * f, f).copy_from(&part);
-        }
-        right
+/// The system of the current policy, and how it moves to the next one.
+struct System<'p> {
+    problem: &'p Lspi<'p>,
+    outcomes: &'p Outcomes<'p>,
+    options: &'p Options,
+    cross: Mat<f64>,
+    right: Mat<f64>,
+    /// Blocks under the policy-dependent norm.
+    reweighted: Option<Blocks>,
+    /// `π(b | x′_i)`, `A × N`: kept only where an option needs it.
+    policy: Option<Mat<f64>>,
+    /// For soft actions: the errors under the weights as given, with or without the norm.
+    errors: Option<LocalErrors>,
+}
+
+impl<'p> System<'p> {
+    fn new(problem: &'p Lspi<'p>, outcomes: &'p Outcomes<'p>, options: &'p Options) -> Result<Self, ValueError> {
+        let policy = first_policy(outcomes, problem.actions, options.start);
+        let cross = problem.blocks.cross_of(outcomes.next, policy.as_ref());
+        let right = problem.blocks.right_hand_side(outcomes.rewards);
+        let policy = (options.soft || options.closeness.is_some()).then_some(policy);
+        let local = || LocalErrors::new(&problem.blocks, outcomes.next, options.ridge);
+        let errors = if options.soft { Some(local()?) } else { None };
+        Ok(System { problem, outcomes, options, cross, right, reweighted: None, policy, errors })
     }
 
-    /// `M` of the policy that takes all allowed actions alike: the blocks `M_ab` as one `fA × fA` matrix.
-    fn cross_of_uniform(&self, outcomes: &Outcomes<'_>) -> Mat<f64> {
-        let f = self.data.phi.nrows();
-        let share = |sample: usize, action: usize| {
-            let may = (0..self.actions).filter(|&b| outcomes.allows(sample, b)).count();
-            if outcomes.allows(sample, action) { 1.0 / may as f64 } else { 0.0 }
+    fn blocks(&self) -> &Blocks {
+        self.reweighted.as_ref().unwrap_or(&self.problem.blocks)
+    }
+
+    fn solve(&self) -> Result<Mat<f64>, ValueError> {
+        self.blocks().solve(&self.cross, &self.right, self.options.gamma, self.options.ridge)
+    }
+
+    /// Move the policy towards the better one. `q` are the values of `weights` at `x′`, `chosen` the greedy actions there.
+    fn improve(&mut self, weights: &Mat<f64>, q: &Mat<f64>, chosen: &[usize]) -> Result<(), ValueError> {
+        let Some(mut policy) = self.policy.take() else {
+            // No policy is kept only without soft actions and norm: the blocks are the problem's.
+            let blocks = &self.problem.blocks;
+            blocks.mix_in_greedy(&mut self.cross, self.outcomes.next, chosen, self.options.mixing);
+            return Ok(());
         };
-        let mut cross = Mat::zeros(f * self.actions, f * self.actions);
-        for (a, members) in self.members.iter().enumerate() {
-            for b in 0..self.actions {
-                let after =
-                    Mat::from_fn(f, members.len(), |i, j| share(members[j], b) * outcomes.next[(i, members[j])]);
-                let block = cross.as_mut().submatrix_mut(a * f, b * f, f, f);
-                matmul(block, Accum::Replace, self.weighted[a].as_ref(), after.transpose(), 1.0, self.par);
-            }
+        let data = self.problem.data;
+        let before = self.problem.blocks.action_values(weights, data.phi);
+        let better = if let Some(errors) = &self.errors {
+            let residual = |i: usize| {
+                let after: f64 = (0..q.nrows()).map(|b| policy[(b, i)] * q[(b, i)]).sum();
+                self.outcomes.rewards[i] + self.options.gamma * after - before[(data.actions[i], i)]
+            };
+            let residuals: Vec<f64> = (0..data.phi.ncols()).map(residual).collect();
+            errors.soft_policy(self.outcomes, q, &residuals, data.weights)?
+        } else {
+            Mat::from_fn(q.nrows(), q.ncols(), |b, i| f64::from(u8::from(chosen[i] == b)))
+        };
+        let beta = self.options.mixing;
+        policy = Mat::from_fn(q.nrows(), q.ncols(), |b, i| (1.0 - beta) * policy[(b, i)] + beta * better[(b, i)]);
+        if let Some(kappa) = self.options.closeness {
+            let weights = closeness_weights(before.as_ref(), data.weights, kappa)?;
+            let blocks = Blocks::new(Samples { weights: &weights, ..data }, self.problem.actions, self.problem.par)?;
+            self.right = blocks.right_hand_side(self.outcomes.rewards);
+            self.reweighted = Some(blocks);
         }
-        cross
+        self.cross = self.blocks().cross_of(self.outcomes.next, policy.as_ref());
+        self.policy = Some(policy);
+        Ok(())
     }
+}
 
-    /// `M ← (1 − β)M + β·M(greedy)`, where the greedy policy takes action `chosen[i]` at `x′_i`.
-    fn mix_in_greedy(&self, cross: &mut Mat<f64>, next: MatRef<'_, f64>, chosen: &[usize], beta: f64) {
-        let f = self.data.phi.nrows();
-        *cross *= Scale(1.0 - beta);
-        for (a, members) in self.members.iter().enumerate() {
-            for b in 0..self.actions {
-                // (column among the members of a, transition) of those that go on with b.
-                let acting: Vec<(usize, usize)> =
-                    members.iter().copied().enumerate().filter(|&(_, index)| chosen[index] == b).collect();
-                let before = Mat::from_fn(f, acting.len(), |i, j| self.weighted[a][(i, acting[j].0)]);
-                let after = Mat::from_fn(f, acting.len(), |i, j| next[(i, acting[j].1)]);
-                let block = cross.as_mut().submatrix_mut(a * f, b * f, f, f);
-                matmul(block, Accum::Add, before.as_ref(), after.transpose(), beta, self.par);
-            }
+/// Where the iteration starts, `A × N`.
+fn first_policy(outcomes: &Outcomes<'_>, actions: usize, start: Start) -> Mat<f64> {
+    let n = outcomes.next.ncols();
+    let may = |sample: usize| (0..actions).filter(move |&b| outcomes.allows(sample, b));
+    let counts: Vec<usize> = (0..n).map(|sample| may(sample).count()).collect();
+    let alone = |picked: Vec<usize>| Mat::from_fn(actions, n, |b, i| f64::from(u8::from(picked[i] == b)));
+    match start {
+        Start::Uniform => {
+            let share = |b, i| if outcomes.allows(i, b) { 1.0 / counts[i] as f64 } else { 0.0 };
+            Mat::from_fn(actions, n, share)
         }
+        Start::Drawn(seed) => {
+            let mut rng = crate::random::stream(seed, "first policy");
+            // Every sample allows an action: the outcomes were checked.
+            alone((0..n).map(|i| may(i).nth(rng.random_range(0..counts[i].max(1))).unwrap_or(0)).collect())
+        }
+        Start::First => alone((0..n).map(|i| may(i).next().unwrap_or(0)).collect()),
     }
+}
 
-    /// Q-weights of the policy with the given `M`, `f × A`.
-    fn evaluate(&self, cross: &Mat<f64>, right: &Mat<f64>, options: &Options) -> Result<Mat<f64>, ValueError> {
-        let f = self.data.phi.nrows();
-        let mut system = cross * Scale(-options.gamma);
-        for (a, gram) in self.gram.iter().enumerate() {
-            let mut block = system.as_mut().submatrix_mut(a * f, a * f, f, f);
-            block += gram;
-        }
-        for i in 0..system.nrows() {
-            system[(i, i)] += options.ridge;
-        }
-        let stacked = solve_or_pseudo_inverse(system.as_ref(), right.as_ref())?;
-        Ok(Mat::from_fn(f, self.actions, |i, a| stacked[(a * f + i, 0)]))
-    }
-
-    /// The best action of those that may follow each sample.
-    fn greedy_after(&self, outcomes: &Outcomes<'_>, weights: &Mat<f64>) -> Vec<usize> {
-        let mut q = Mat::zeros(self.actions, outcomes.next.ncols());
-        matmul(q.as_mut(), Accum::Replace, weights.transpose(), outcomes.next, 1.0, self.par);
-        let value =
-            |sample: usize, a: usize| if outcomes.allows(sample, a) { q[(a, sample)] } else { f64::NEG_INFINITY };
-        (0..q.ncols()).map(|sample| greedy((0..self.actions).map(|a| value(sample, a)))).collect()
-    }
+/// The best action of those that may follow each sample, from the values `q` there.
+fn greedy_after(outcomes: &Outcomes<'_>, q: &Mat<f64>) -> Vec<usize> {
+    let value = |sample: usize, a: usize| if outcomes.allows(sample, a) { q[(a, sample)] } else { f64::NEG_INFINITY };
+    (0..q.ncols()).map(|sample| greedy((0..q.nrows()).map(|a| value(sample, a)))).collect()
 }
 
 /// The number of the largest value; of equal ones the first, and 0 where nothing compares.

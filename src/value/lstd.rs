@@ -1,9 +1,16 @@
 //! Least-squares temporal differences: the value of states under the policy that made the transitions.
+//!
+//! With features `Φ`, features after the step `Φ′`, weights `Ω = diag ω` and rewards `r`, the value `V(x) = wᵀφ(x)` is the
+//! fixed point of a Bellman step followed by a projection on the features: `ΦΩ(Φ − γΦ′)ᵀ w = ΦΩr`.
+//!
+//! The thesis (§3.2.1) derives it from a cost with the factor 1/n, where the square of a mean has 1/n²; the minimum is the
+//! same. Its sum is over single transitions; sums over whole episodes are in [`LstdLambda`](super::LstdLambda).
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, MatRef};
 
 use super::ValueError;
+use super::error::{discount_or_one, finite_list, finite_matrix, ridge as check_ridge, sample_weights};
 
 /// Value weights `w` with `V(x) = wᵀφ(x)`: the solution of `ΦΩ(Φ − γΦ′)ᵀ w = ΦΩr`, with `ridge` on the diagonal.
 ///
@@ -14,11 +21,23 @@ use super::ValueError;
 /// `phi`, `next`: `f × N`; `rewards`, `weights`: `N`. The result has `f` entries.
 ///
 /// # Errors
-/// Lists of different lengths, no transitions, γ outside [0, 1], a negative ridge, values that are not finite.
-/// γ = 1 is allowed here, for chains that end.
+/// Lists of different lengths, no transitions or features, γ outside [0, 1], a negative ridge or weight, values that are
+/// not finite. γ = 1 is allowed here, for chains that end.
 ///
 /// # Reference
 /// Bradtke & Barto 1996; thesis §3.2.1, algorithm 3.
+///
+/// ```
+/// use adagio::value::lstd;
+/// use faer::mat;
+///
+/// // Two states in turn, 1 paid on leaving the first: V(0) = 1 + γ V(1), V(1) = γ V(0).
+/// let phi = mat![[1.0, 0.0], [0.0, 1.0]];
+/// let next = mat![[0.0, 1.0], [1.0, 0.0]];
+/// let w = lstd(phi.as_ref(), next.as_ref(), &[1.0, 0.0], &[1.0, 1.0], 0.5, 0.0)?;
+/// assert!((w[0] - 4.0 / 3.0).abs() < 1e-12 && (w[1] - 2.0 / 3.0).abs() < 1e-12);
+/// # Ok::<(), adagio::value::ValueError>(())
+/// ```
 pub fn lstd(
     phi: MatRef<'_, f64>,
     next: MatRef<'_, f64>,
@@ -31,17 +50,23 @@ pub fn lstd(
     if n == 0 {
         return Err(ValueError::Empty);
     }
+    if phi.nrows() == 0 {
+        return Err(ValueError::Features { what: "phi", found: 0, expected: 1 });
+    }
+    if next.nrows() != phi.nrows() {
+        return Err(ValueError::Features { what: "next", found: next.nrows(), expected: phi.nrows() });
+    }
     for (what, found) in [("next", next.ncols()), ("rewards", rewards.len()), ("weights", weights.len())] {
         if found != n {
             return Err(ValueError::Length { what, found, expected: n });
         }
     }
-    if !(0.0..=1.0).contains(&gamma) {
-        return Err(ValueError::Gamma(gamma));
-    }
-    if !(ridge >= 0.0 && ridge.is_finite()) {
-        return Err(ValueError::Ridge(ridge));
-    }
+    discount_or_one(gamma)?;
+    check_ridge(ridge)?;
+    sample_weights(weights)?;
+    finite_list("rewards", rewards)?;
+    finite_matrix("phi", phi)?;
+    finite_matrix("next", next)?;
     let f = phi.nrows();
     let weighted = Mat::from_fn(f, n, |i, j| phi[(i, j)] * weights[j]);
     let difference = Mat::from_fn(f, n, |i, j| phi[(i, j)] - gamma * next[(i, j)]);
@@ -63,9 +88,12 @@ const SINGULAR: f64 = 1e-12;
 /// `a: f × f`, `b: f × r`.
 ///
 /// # Errors
-/// Values that are not finite.
+/// Coefficients that are not square or do not fit to `b`, values that are not finite.
 pub fn solve_or_pseudo_inverse(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Result<Mat<f64>, ValueError> {
     let f = a.nrows();
+    if f == 0 || a.ncols() != f || b.nrows() != f {
+        return Err(ValueError::System { rows: f, columns: a.ncols(), right: b.nrows() });
+    }
     if !a.is_all_finite() || !b.is_all_finite() {
         return Err(ValueError::NotFinite(f));
     }

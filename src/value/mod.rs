@@ -3,61 +3,62 @@
 //! Symbols (DESIGN §2): features `φ(x)` (`f` of them, the constant one included), `A` actions, `N` transitions
 //! `(x, a, r, x′)` as columns of `Φ` and `Φ′` (`f × N`), weights `ω` of the transitions, discount `γ`. Feature matrices of
 //! state–action pairs are block-structured: one block of `f` weights per action; the zeros are never built.
+//!
+//! | question | answer |
+//! |---|---|
+//! | what are states worth under the policy that was followed? | [`lstd`]; over trajectories [`LstdLambda`] |
+//! | what are actions worth under a given policy (LSQ)? | [`Lspi::evaluate`] |
+//! | which policy is best? | [`Lspi::fit`] |
+//! | what does learning on one's own path do? | [`Sarsa`], a counter-example |
+//! | which transitions to keep, and how to weigh them? | [`Window`], [`balance`] |
+//! | what is the exact answer? | [`FiniteMdp`] and [`exact`], with [`worlds`] to try things on |
+//!
+//! ```
+//! use adagio::random::stream;
+//! use adagio::value::worlds::{bases, chain_walk};
+//! use adagio::value::{LspiOptions, exact};
+//!
+//! // 20 states in a row, reward at both ends; 5000 random steps; a polynomial of degree 4 for each action.
+//! let process = chain_walk::twenty()?;
+//! let steps = process.uniform_steps(5000, &mut stream(1, "steps"));
+//! let basis = bases::powers(20, 4);
+//! let fit = process.in_features(&steps, basis.as_ref())?.fit(&LspiOptions::default())?;
+//!
+//! let learned = fit.policy(basis.as_ref())?.chosen();
+//! let optimal = exact::policy_iteration(&process)?.policy.chosen();
+//! let different = learned.iter().zip(&optimal).filter(|(a, b)| a != b).count();
+//! assert!(different <= 1, "{different} of 20");
+//! # Ok::<(), adagio::value::ValueError>(())
+//! ```
 
+mod batch;
+mod blocks;
+mod error;
+pub mod exact;
+mod finite;
 mod lspi;
 mod lstd;
+mod norm;
+mod policy;
+mod representation;
+mod sarsa;
+mod smoothing;
+mod soft;
+mod traces;
 mod window;
+pub mod worlds;
 
-pub use lspi::{Fit, Lspi, Options as LspiOptions, Outcomes, Samples, greedy};
+pub use batch::Batch;
+pub use blocks::{Outcomes, Samples};
+pub use error::ValueError;
+pub use finite::{FiniteMdp, Step, Successor, basis};
+pub use lspi::{Fit, Lspi, Options as LspiOptions, Start, greedy};
 pub use lstd::{lstd, solve_or_pseudo_inverse};
+pub use norm::closeness_weights;
+pub use policy::Policy;
+pub use representation::{MOST_FEATURES, RepresentationError, Tabular, Trigonometric};
+pub use sarsa::{Sarsa, SarsaOptions};
+pub use smoothing::Smoothing;
+pub use soft::maximiser_probabilities;
+pub use traces::LstdLambda;
 pub use window::{Transition, Window, balance};
-
-use thiserror::Error;
-
-/// Why values could not be estimated.
-#[derive(Debug, Error, Clone, PartialEq)]
-pub enum ValueError {
-    /// Lists of different lengths.
-    #[error("{what} has {found} entries, but there are {expected} transitions")]
-    Length {
-        /// Which list.
-        what: &'static str,
-        /// Its length.
-        found: usize,
-        /// The number of transitions.
-        expected: usize,
-    },
-    /// Nothing to learn from.
-    #[error("there are no transitions to learn from")]
-    Empty,
-    /// An action number out of range.
-    #[error("transition {index} has action {action}, but there are {actions} actions (0 to {})", actions - 1)]
-    Action {
-        /// Which transition.
-        index: usize,
-        /// Its action.
-        action: usize,
-        /// Number of actions.
-        actions: usize,
-    },
-    /// A sample after which no action may follow.
-    #[error("no action may follow sample {index}: at least one of {actions} must be allowed")]
-    NothingAllowed {
-        /// Which sample.
-        index: usize,
-        /// Number of actions.
-        actions: usize,
-    },
-    /// The discount factor must leave the sum of rewards finite.
-    #[error("gamma = {0} is not allowed: it must be in [0, 1)")]
-    Gamma(f64),
-    /// The ridge must not be negative.
-    #[error("ridge = {0} is not allowed: it must be ≥ 0 and finite")]
-    Ridge(f64),
-    /// The mixing rate of policies.
-    #[error("mixing = {0} is not allowed: it must be in (0, 1]")]
-    Mixing(f64),
-    /// The result is not finite.
-    #[error("the values of {0} weights are not finite: features or rewards hold values that are not numbers")]
-    NotFinite(usize),
-}

@@ -7,6 +7,9 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
+use super::ValueError;
+use super::error::parameter;
+
 /// One action and what came of it. `S` is what stands for a state (an observation, its number, …).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Transition<S> {
@@ -40,7 +43,7 @@ pub struct Window<S> {
 }
 
 impl<S: Clone> Window<S> {
-    /// An empty window for `capacity` ≥ 1 transitions.
+    /// An empty window for `capacity` transitions; 0 counts as 1.
     pub fn new(capacity: usize) -> Self {
         Window { capacity: capacity.max(1), groups: BTreeMap::new(), len: 0, arrivals: 0 }
     }
@@ -89,14 +92,18 @@ impl<S: Clone> Window<S> {
 /// Weights ω that make groups count more alike: `ω ∝ (size of the group)^−exponent`, with mean 1.
 ///
 /// `exponent` 0 leaves all transitions alike, 1 gives every (cell, action) the same total weight.
-pub fn balance(groups: &[(usize, usize)], exponent: f64) -> Vec<f64> {
+///
+/// # Errors
+/// An exponent outside [0, 1].
+pub fn balance(groups: &[(usize, usize)], exponent: f64) -> Result<Vec<f64>, ValueError> {
+    parameter("exponent", exponent, (0.0..=1.0).contains(&exponent), "in [0, 1]")?;
     let mut sizes: BTreeMap<(usize, usize), f64> = BTreeMap::new();
     for &group in groups {
         *sizes.entry(group).or_default() += 1.0;
     }
     let raw: Vec<f64> = groups.iter().map(|group| sizes[group].powf(-exponent)).collect();
     let mean = raw.iter().sum::<f64>() / raw.len().max(1) as f64;
-    raw.into_iter().map(|weight| weight / mean).collect()
+    Ok(raw.into_iter().map(|weight| weight / mean).collect())
 }
 
 #[cfg(test)]
@@ -126,9 +133,10 @@ mod tests {
     #[test]
     fn balanced_weights_have_mean_one_and_equal_totals() {
         let groups = [(0, 0), (0, 0), (0, 0), (1, 2)];
-        let weights = balance(&groups, 1.0);
+        let weights = balance(&groups, 1.0).unwrap();
         assert!((weights.iter().sum::<f64>() - 4.0).abs() < 1e-12);
         assert!((weights[..3].iter().sum::<f64>() - weights[3]).abs() < 1e-12);
-        assert_eq!(balance(&groups, 0.0), vec![1.0; 4]);
+        assert_eq!(balance(&groups, 0.0).unwrap(), vec![1.0; 4]);
+        assert!(balance(&groups, f64::NAN).is_err() && balance(&groups, 1e9).is_err());
     }
 }
