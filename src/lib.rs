@@ -27,11 +27,11 @@
 //! | [`source`] | where frames come from |
 //! | [`world`] | the simulated world: walls, robot, sonar, camera |
 //! | [`vision`] | camera image → observation |
-//! | [`kernel`] | kernel functions, kernel values for blocks |
-//! | [`dictionary`] | which observations to keep as support vectors |
+//! | [`kernel`] | kernel functions, kernel values for blocks, kernel principal components |
+//! | [`dictionary`] | which observations to keep as support vectors: ALD, random, greedy, over features |
 //! | [`regression`] | least squares, ridge, kernel ridge, validation |
-//! | [`slow`] | moments and slow features |
-//! | [`value`] | transitions, LSTD, LSPI |
+//! | [`slow`] | moments and slow features: linear, expanded, kernel, hierarchical; theory, other objectives, ICA |
+//! | [`value`] | transitions, LSTD, LSQ, LSPI; finite processes with exact answers, small worlds |
 //! | [`policy`] | exploration, pursuit, reflexes, reference, optimum |
 //! | [`agent`] | the actors and their queues |
 //! | [`log`] | messages, CDR, writer, reader |
@@ -39,8 +39,25 @@
 //! | [`report`] | what a run came to |
 //! | [`cli`] | one file per command |
 //!
-//! [`kernel`], [`dictionary`], [`slow`] and [`value`] know nothing of threads, clocks, files, robots or images: they can be
-//! used for other signals.
+//! [`kernel`], [`dictionary`], [`regression`], [`slow`] and [`value`] know nothing of threads, clocks, files, robots or
+//! images: they can be used for other signals. They follow the chapters of the thesis, and the first page of each says which
+//! tool is for what:
+//!
+//! | thesis | here |
+//! |---|---|
+//! | §2.1 regression, validation | [`regression`] |
+//! | §2.2.1–2.2.5 kernels, kernel covariance, approximations | [`kernel`] |
+//! | §2.2.6 support vectors | [`dictionary`] |
+//! | §3.1 Markov processes, representations | [`value::FiniteMdp`], [`value::Tabular`], [`value::Trigonometric`] |
+//! | §3.2, §3.3 value estimation, policy iteration | [`value`] |
+//! | §4.1.1 objectives | [`slow`], [`slow::coherence`] |
+//! | §4.1.2 optimal responses | [`slow::theory`] |
+//! | §4.2.3 place cells | [`slow::Network`], [`slow::ica`] |
+//! | §4.3 algorithms | [`slow`] |
+//! | §6 outlook | [`value::LspiOptions`], [`value::Smoothing`] |
+//!
+//! Three tutorials stand in `examples/`: `wiskott` (a slow signal hidden in fast ones), `chain_walk` (policy iteration and
+//! how it can fail), `place_cells` (from a video to place cells).
 //!
 //! # Slow features of a stream, without any robot
 //!
