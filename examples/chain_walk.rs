@@ -14,14 +14,14 @@ use faer::Mat;
 fn main() -> Result<(), ValueError> {
     adagio::random::fix_parallelism();
     let twenty = chain_walk::twenty()?;
-    learn("20 states, reward at both ends", &twenty, 5_000, &bases::powers(20, 4), "polynomial of degree 4")?;
-    learn("20 states, reward at both ends", &twenty, 5_000, &bases::powers(20, 1), "straight line")?;
+    learn("20 states, reward at both ends", &twenty, 5_000, &bases::powers(20, 4)?, "polynomial of degree 4")?;
+    learn("20 states, reward at both ends", &twenty, 5_000, &bases::powers(20, 1)?, "straight line")?;
     let fifty = chain_walk::fifty()?;
     learn(
         "50 states, reward in the 10th and the 41st",
         &fifty,
         10_000,
-        &bases::powers(50, 4),
+        &bases::powers(50, 4)?,
         "polynomial of degree 4",
     )?;
     learn("50 states, reward in the 10th and the 41st", &fifty, 10_000, &bases::bumps(50, 10)?, "ten bumps")?;

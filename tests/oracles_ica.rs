@@ -83,7 +83,7 @@ fn known_sources_are_separated() {
                 }
             }
             println!("{decorrelation:?} {contrast:?}: worst Amari index {worst:.4}");
-            assert!(worst < 0.05, "{decorrelation:?} {contrast:?}: {worst}");
+            assert!(worst < 0.03, "{decorrelation:?} {contrast:?}: {worst}");
         }
     }
 }

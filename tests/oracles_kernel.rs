@@ -124,6 +124,19 @@ fn valid_kernels() -> impl Strategy<Value = Kernel> {
     ]
 }
 
+/// Kernels at the ends of what is allowed, too.
+fn extreme_kernels() -> impl Strategy<Value = Kernel> {
+    let extreme = [
+        Kernel::polynomial(i32::MAX as u32, 1.0),
+        Kernel::polynomial(3, 1e308),
+        Kernel::normalised_polynomial(i32::MAX as u32),
+        Kernel::gaussian(1e-150),
+        Kernel::gaussian(1e150),
+        Kernel::radial(1.0, f64::MIN_POSITIVE),
+    ];
+    prop_oneof![4 => valid_kernels(), 1 => prop::sample::select(extreme.map(Result::unwrap).to_vec())]
+}
+
 /// Values a caller might have in a matrix, good and bad.
 fn any_value() -> impl Strategy<Value = f64> {
     prop_oneof![
@@ -165,7 +178,7 @@ proptest! {
     /// Nothing that is given makes the public functions panic.
     #[test]
     fn nothing_panics(
-        kernel in valid_kernels(),
+        kernel in extreme_kernels(),
         x in any_matrix(),
         s in any_matrix(),
         components in 0usize..6,
@@ -177,6 +190,11 @@ proptest! {
         prop_assert_eq!(square.ncols(), x.ncols());
         let mismatch = kernel.matrix(s.as_ref(), &norms, x.as_ref(), &norms, Par::Seq);
         prop_assert!(mismatch.is_ok() == (s.ncols() == x.ncols() && s.nrows() == x.nrows()));
+        for (product, norm) in x.as_ref().col_iter().flat_map(|column| column.iter().zip(&norms).collect::<Vec<_>>()) {
+            let value = kernel.value(*product, *norm, 1.0);
+            prop_assert!(!product.is_nan() || value.is_nan() || *norm == 0.0);
+            prop_assert!(!norm.is_nan() || kernel.diagonal(*norm).is_nan() || kernel.sigma().is_some());
+        }
         if let Ok(width) = median_distance(x.as_ref()) {
             prop_assert!(width > 0.0 && width.is_finite());
         }
@@ -258,6 +276,45 @@ fn with_all_samples_as_support_vectors_every_approximation_is_exact() {
             let difference = difference_up_to_sign(phi.as_ref(), expected.as_ref());
             assert!(difference < 1e-7, "{kernel} {method:?}: {difference}");
         }
+    }
+}
+
+/// Observations that no sample equals: against ordinary PCA of the explicit expansion, whose centre is the samples' mean.
+#[test]
+fn new_observations_are_centred_by_the_samples() {
+    // ψ of (xᵀx′ + 1)²; means far from zero, so that a wrong centre shows.
+    let root = 2.0f64.sqrt();
+    let expand = |x: &Mat<f64>| {
+        Mat::from_fn(6, x.ncols(), |i, j| {
+            let (a, b) = (x[(0, j)], x[(1, j)]);
+            [a * a, b * b, root * a * b, root * a, root * b, 1.0][i]
+        })
+    };
+    let shifted = |x: Mat<f64>| Mat::from_fn(2, x.ncols(), |i, j| x[(i, j)] + [2.0, -1.0][i]);
+    let (x, new) = (shifted(random(2, 50, 1)), shifted(random(2, 20, 2)));
+    let kernel = Kernel::polynomial(2, 1.0).unwrap();
+    // Eight samples span the six dimensions, so every projected process is exact too.
+    for (method, m) in [
+        (Approximation::SubsetOfData, 50),
+        (Approximation::Nystrom, 50),
+        (Approximation::ProjectedProcess, 50),
+        (Approximation::ProjectedProcess, 8),
+        (Approximation::SubsetOfData, 8),
+    ] {
+        let s = x.as_ref().subcols(0, m);
+        // The subset of data knows the mean and the directions of its support vectors alone.
+        let over = if method == Approximation::SubsetOfData { s.to_owned() } else { x.clone() };
+        let psi = expand(&over);
+        let middle = centred(psi.as_ref());
+        let svd = middle.thin_svd().unwrap();
+        let mean = |i: usize| psi.row(i).iter().sum::<f64>() / psi.ncols() as f64;
+        let moved = expand(&new);
+        let moved = Mat::from_fn(6, new.ncols(), |i, j| moved[(i, j)] - mean(i));
+        let known = svd.U().subcols(0, 5).transpose() * &moved;
+        let pca = KernelPca::approximate(kernel, s, x.as_ref(), method, 5, Scaling::Principal, Par::Seq).unwrap();
+        let found = pca.apply(new.as_ref(), Par::Seq).unwrap();
+        let difference = difference_up_to_sign(found.as_ref(), known.as_ref());
+        assert!(difference < 1e-8, "{method:?} of {m}: {difference}");
     }
 }
 

@@ -2,7 +2,7 @@
 
 mod common;
 
-use adagio::dictionary::{Ald, Dictionary, Parameters, Selection};
+use adagio::dictionary::{Ald, Dictionary, Parameters, Selection, WhenFull};
 use adagio::kernel::{Kernel, squared_norms};
 use adagio::regression::{
     Bias, Errors, Folds, KernelGrid, KernelModel, KernelRls, KernelSettings, Linear, RegressionError, Sums,
@@ -25,7 +25,7 @@ fn columns(x: MatRef<'_, f64>, which: &[usize]) -> Mat<f64> {
 }
 
 fn sums_in_blocks(x: &Mat<f64>, t: &Mat<f64>, blocks: &[usize]) -> Sums {
-    let mut sums = Sums::new(x.nrows(), t.nrows());
+    let mut sums = Sums::new(x.nrows(), t.nrows()).unwrap();
     let (mut start, mut turn) = (0, 0);
     while start < x.ncols() {
         let size = blocks[turn % blocks.len()].min(x.ncols() - start);
@@ -156,7 +156,7 @@ fn sums_widen_with_zeros_and_lead_to_the_first_inputs() {
     // The last two inputs come with sample 40.
     let padded = Mat::from_fn(5, 60, |i, j| if i >= 3 && j < 40 { 0.0 } else { x[(i, j)] });
     let mut grown = sums_of(&x.as_ref().submatrix(0, 0, 3, 40).to_owned(), &t.as_ref().subcols(0, 40).to_owned());
-    grown.widen(5);
+    grown.widen(5).unwrap();
     grown.add(x.as_ref().subcols(40, 20), t.as_ref().subcols(40, 20), Par::Seq).unwrap();
     let (a, b) = (ridge(&grown, 0.3, Bias::Free).unwrap(), ridge(&sums_of(&padded, &t), 0.3, Bias::Free).unwrap());
     assert!(relative_difference(a.weights.as_ref(), b.weights.as_ref()) < 1e-10);
@@ -305,11 +305,113 @@ fn engel(x: &Mat<f64>, t: &Mat<f64>, settings: Parameters) -> Vec<f64> {
     predicted
 }
 
+/// In which order the operations of a recursion that carries inverses are done; mathematically it makes no difference.
+#[derive(Debug, Clone, Copy)]
+struct Order {
+    /// Squared distances as `‖x‖² + ‖x′‖² − 2xᵀx′`, else as `‖x − x′‖²`.
+    norms: bool,
+    /// `K⁻¹` grown as `(ε·K⁻¹ + aaᵀ)/ε`, else as `K⁻¹ + aaᵀ/ε`.
+    bracketed: bool,
+    /// Products are summed from the last entry to the first.
+    backwards: bool,
+    /// Divisions by ε come last, else first.
+    late: bool,
+}
+
+/// Engel's recursion as published code computes it: `K⁻¹` and `P` are carried, in plain loops. The a-priori predictions, and the
+/// samples that became members. (`libm::exp`, so that it has the same bits on every machine.)
+fn engel_with_inverses(x: &Mat<f64>, t: &Mat<f64>, sigma: f64, nu: f64, order: Order) -> (Vec<f64>, Vec<usize>) {
+    let dot = |a: &[f64], b: &[f64]| {
+        let products = a.iter().zip(b).map(|(a, b)| a * b);
+        if order.backwards { products.rev().fold(0.0, |sum, p| sum + p) } else { products.fold(0.0, |sum, p| sum + p) }
+    };
+    let times = |m: &[Vec<f64>], a: &[f64]| m.iter().map(|row| dot(row, a)).collect::<Vec<f64>>();
+    let samples: Vec<Vec<f64>> = (0..x.ncols()).map(|j| x.col(j).iter().copied().collect()).collect();
+    let kernel = |i: usize, j: usize| {
+        let (a, b) = (&samples[i], &samples[j]);
+        let difference: Vec<f64> = a.iter().zip(b).map(|(a, b)| a - b).collect();
+        let squared = if order.norms { dot(a, a) + dot(b, b) - 2.0 * dot(a, b) } else { dot(&difference, &difference) };
+        libm::exp(-squared / (2.0 * sigma * sigma))
+    };
+    let mut members = vec![0];
+    let (mut inverse, mut p) = (vec![vec![1.0 / kernel(0, 0)]], vec![vec![1.0]]);
+    let mut alpha = vec![t[(0, 0)] / kernel(0, 0)];
+    let mut predicted = vec![0.0];
+    for j in 1..x.ncols() {
+        let k: Vec<f64> = members.iter().map(|&i| kernel(i, j)).collect();
+        let a = times(&inverse, &k);
+        let residual = kernel(j, j) - dot(&k, &a);
+        let y = dot(&k, &alpha);
+        let miss = t[(0, j)] - y;
+        predicted.push(y);
+        let m = members.len();
+        if residual > nu {
+            let share = 1.0 / residual;
+            for (i, row) in inverse.iter_mut().enumerate() {
+                for (entry, other) in row.iter_mut().zip(&a) {
+                    let outer = a[i] * other;
+                    *entry =
+                        if order.bracketed { share * (residual * *entry + outer) } else { *entry + outer / residual };
+                }
+                row.push(if order.late { -a[i] / residual } else { -a[i] * share });
+            }
+            inverse
+                .push(a.iter().map(|a| if order.late { -a / residual } else { -a * share }).chain([share]).collect());
+            p.iter_mut().for_each(|row| row.push(0.0));
+            p.push((0..=m).map(|i| f64::from(u8::from(i == m))).collect());
+            alpha.iter_mut().zip(&a).for_each(|(alpha, a)| {
+                *alpha -= if order.late { a * miss / residual } else { a * (share * miss) };
+            });
+            alpha.push(share * miss);
+            members.push(j);
+        } else {
+            // P is symmetric: Pa is also aᵀP.
+            let pa = times(&p, &a);
+            let scale = 1.0 + dot(&pa, &a);
+            let q: Vec<f64> = pa.iter().map(|pa| pa / scale).collect();
+            for (row, q) in p.iter_mut().zip(&q) {
+                row.iter_mut().zip(&pa).for_each(|(entry, pa)| *entry -= q * pa);
+            }
+            let step = times(&inverse, &q);
+            alpha.iter_mut().zip(&step).for_each(|(alpha, step)| *alpha += step * miss);
+        }
+    }
+    (predicted, members)
+}
+
+/// kafbox reports −40.17 dB; −40.2 … −40.5 dB are accepted of code like it. [`lorenz_series_one_step_ahead`] finds −40.586 dB.
+///
+/// The difference is rounding. Errors add up in the inverses that the published recursion carries, until it accepts other members,
+/// the first of them around sample 333. Orders of operations that are mathematically the same then end up to 0.9 dB apart;
+/// some in the accepted range, and on average where the answer without drift is.
+#[test]
+fn lorenz_series_as_published_code_computes_it() {
+    let (x, t) = lorenz();
+    let undisturbed = [0, 1, 2, 3, 4, 5, 6, 9, 12, 17, 23, 31, 41, 47, 52, 57, 61, 66, 70, 135, 141, 146, 149, 152];
+    let mut errors = Vec::new();
+    for number in 0..16 {
+        let flag = |bit: u32| number >> bit & 1 > 0;
+        let order = Order { norms: flag(0), bracketed: flag(1), backwards: flag(2), late: flag(3) };
+        let (predicted, members) = engel_with_inverses(&x, &t, 32.0, 1e-4, order);
+        let error = late_error_db(&predicted, &t);
+        println!("{error:.2} dB, {} members, then {:?}: {order:?}", members.len(), &members[24..]);
+        assert_eq!(members[..24], undisturbed);
+        errors.push(error);
+    }
+    let (lowest, highest) =
+        errors.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), e| (low.min(*e), high.max(*e)));
+    assert!(lowest < -40.586 && highest > -40.17, "{lowest} to {highest} holds both figures");
+    assert!(highest - lowest < 1.0, "{lowest} to {highest}");
+    let accepted = errors.iter().filter(|error| (-40.5..=-40.2).contains(*error)).count();
+    assert!(accepted >= 4, "{accepted} of 16");
+    let mean = errors.iter().sum::<f64>() / errors.len() as f64;
+    // The spread of 16 such figures is 0.25 dB, so their mean is known to 0.06.
+    assert!((mean + 40.586).abs() < 0.06, "{mean}");
+}
+
 #[test]
 fn lorenz_series_one_step_ahead() {
-    // kafbox reports −40.17 dB. It carries K⁻¹ and P, whose rounding errors add up, so its last digits depend on the order of
-    // operations: the same recursion in plain loops gave −40.49 dB here, with one other dictionary member (647 in place of 648).
-    // Without drift the answer is unique, and a little better; two ways to it agree.
+    // With Cholesky factors in place of inverses nothing drifts, and the answer is unique: two ways to it agree.
     let (x, t) = lorenz();
     let settings = parameters(32.0, 1e-4, 1000);
     let mut rls = KernelRls::new(settings, 1).unwrap();
@@ -363,10 +465,10 @@ fn recursive_is_batch_over_padded_coordinates() {
     let direct = squared_error(&(batch.transpose() * &padded), &t);
     assert!((rls.training_error() - direct).abs() < 1e-12);
     // The same sums by widening.
-    let mut sums = Sums::new(0, 2);
+    let mut sums = Sums::new(0, 2).unwrap();
     for j in 0..300 {
         let used = (0..m).rev().find(|&i| padded[(i, j)] != 0.0).map_or(0, |i| i + 1);
-        sums.widen(used);
+        sums.widen(used).unwrap();
         let v = padded.as_ref().submatrix(0, j, sums.inputs(), 1);
         sums.add(v, t.as_ref().subcols(j, 1), Par::Seq).unwrap();
     }
@@ -582,6 +684,8 @@ proptest! {
         lambda in prop::sample::select(vec![0.0, 1e-300, 1e-9, 1.0, 1e300, -1.0, f64::NAN, f64::INFINITY]),
         free in any::<bool>(),
         folds in 0usize..6,
+        budget in 1usize..9,
+        when_full in prop::sample::select(vec![WhenFull::Stop, WhenFull::Replace, WhenFull::RaiseNu]),
         share in prop::sample::select(vec![0.0, 0.3, 0.5, 1.0, f64::NAN, -1.0]),
     ) {
         let n = x.ncols();
@@ -589,10 +693,10 @@ proptest! {
         let t = if same && t.ncols() > 0 { Mat::from_fn(t.nrows(), n, |i, j| t[(i, j % t.ncols())]) } else { t };
         let bias = if free { Bias::Free } else { Bias::None };
         let finite = |fit: &Linear| fit.weights.is_all_finite() && fit.bias.iter().all(|b| b.is_finite()) && fit.parameters.is_finite();
-        let mut sums = Sums::new(x.nrows(), t.nrows());
+        let mut sums = Sums::new(x.nrows(), t.nrows()).unwrap();
         let _ = sums.add(x.as_ref(), t.as_ref(), Par::Seq);
         let _ = sums.add(x.as_ref(), t.as_ref(), Par::Seq);
-        let _ = sums.merge(&Sums::new(1, 1));
+        let _ = sums.merge(&Sums::new(1, 1).unwrap());
         if let Ok(fit) = ridge(&sums, lambda, bias) {
             prop_assert!(finite(&fit));
             if let Ok(error) = sums.mean_squared_error(&fit) {
@@ -607,7 +711,7 @@ proptest! {
             let _ = model.predict(x.as_ref(), Par::Seq).map(|y| assert!(y.is_all_finite()));
             let _ = model.predict(t.as_ref(), Par::Seq);
         }
-        let settings = Parameters { kernel, ..parameters(1.0, 1e-3, 8) };
+        let settings = Parameters { kernel, when_full, ..parameters(1.0, 1e-3, budget) };
         let mut rls = KernelRls::new(settings, t.nrows()).unwrap();
         for _ in 0..2 {
             if let Ok(y) = rls.observe(x.as_ref(), t.as_ref()) {
@@ -632,8 +736,60 @@ proptest! {
             if let Ok(selection) = select_kernel_ridge(x.as_ref(), t.as_ref(), &grid, &folds, Par::Seq) {
                 prop_assert!(selection.best().score.test.is_finite());
             }
+            let settings = KernelSettings { kernel, support_vectors: budget, lambda };
+            if let Ok(model) = grid.fit(&settings, x.as_ref(), t.as_ref(), Par::Seq) {
+                prop_assert!(model.coefficients().is_all_finite());
+                let _ = model.predict(x.as_ref(), Par::Seq).map(|y| assert!(y.is_all_finite()));
+            }
+            let none = KernelSettings { support_vectors: 0, ..settings };
+            prop_assert!(grid.fit(&none, x.as_ref(), t.as_ref(), Par::Seq).is_err());
         }
         let nothing = select_ridge(x.as_ref(), t.as_ref(), &[], &Folds::contiguous(4, 2).unwrap(), bias, Par::Seq);
         prop_assert!(matches!(nothing, Err(RegressionError::EmptyGrid(_))));
     }
+}
+
+#[test]
+fn sizes_out_of_reach_are_refused() {
+    let most = usize::MAX;
+    let refused = |error: RegressionError| {
+        let text = error.to_string();
+        assert!(matches!(error, RegressionError::Size { .. }) && text.contains("1073741824"), "{text}");
+    };
+    refused(Sums::new(most, 1).unwrap_err());
+    refused(Sums::new(1, most).unwrap_err());
+    refused(Sums::new(0, most).unwrap_err());
+    refused(Sums::new(1, 1).unwrap().widen(1 << 40).unwrap_err());
+    refused(KernelRls::<f64>::new(parameters(1.0, 0.1, 10), most).unwrap_err());
+    refused(Folds::contiguous(most, 2).unwrap_err());
+    refused(Folds::shuffled(most, most, 1).unwrap_err());
+    refused(hold_out(most, 0.5, None).unwrap_err());
+    assert_eq!(Folds::contiguous(3, most).unwrap_err(), RegressionError::Folds { folds: most, samples: 3 });
+    // A budget without end reserves nothing.
+    let mut rls = KernelRls::new(parameters(1.0, 0.1, most), 1).unwrap();
+    rls.observe(random(2, 5, 1).as_ref(), random(1, 5, 2).as_ref()).unwrap();
+}
+
+#[test]
+fn a_function_put_together_wrongly_is_refused() {
+    let x = random(2, 5, 1);
+    let linear = Linear { weights: Mat::zeros(2, 3), bias: vec![0.0; 2], parameters: 2.0 };
+    let expected = RegressionError::Shape { what: "the length of the bias", found: 2, expected: 3 };
+    assert_eq!(linear.predict(x.as_ref()).unwrap_err(), expected);
+    let spoiled = Linear { weights: Mat::from_fn(2, 1, |_, _| f64::NAN), bias: vec![0.0], parameters: 2.0 };
+    assert!(spoiled.predict(x.as_ref()).is_err());
+    let mut sums = Sums::new(2, 1).unwrap();
+    sums.add(x.as_ref(), random(1, 5, 2).as_ref(), Par::Seq).unwrap();
+    assert!(sums.mean_squared_error(&spoiled).is_err() && sums.mean_squared_error(&linear).is_err());
+    let grid = KernelGrid {
+        kernels: vec![Kernel::gaussian(1.0).unwrap()],
+        support_vectors: vec![0, 3],
+        lambdas: vec![1.0],
+        nu: 0.1,
+        bias: Bias::Free,
+        seed: 1,
+    };
+    let folds = Folds::contiguous(5, 2).unwrap();
+    let refused = select_kernel_ridge(x.as_ref(), random(1, 5, 2).as_ref(), &grid, &folds, Par::Seq);
+    assert_eq!(refused.unwrap_err(), RegressionError::NoSupportVectors);
 }

@@ -58,8 +58,8 @@ fn support_vectors_that_leave_take_their_coordinates_with_them() {
         assert!(relative_difference(part.factor(), exact.L()) < 1e-9);
         let moved = thinning.apply(before.as_ref()).unwrap();
         assert!(relative_difference(moved.as_ref(), part.coordinates(x.as_ref()).unwrap().as_ref()) < 1e-9);
-        let identity = Mat::<f64>::identity(keep.len() - thinning.from, keep.len() - thinning.from);
-        let product = &thinning.rotation * thinning.rotation.transpose();
+        let identity = Mat::<f64>::identity(keep.len() - thinning.from(), keep.len() - thinning.from());
+        let product = thinning.rotation() * thinning.rotation().transpose();
         assert!((product - identity).norm_max() < 1e-13);
     }
 }
@@ -84,7 +84,7 @@ fn a_full_dictionary_replaces_its_least_independent_member() {
         let thinning = selection.thin().unwrap().unwrap();
         assert_eq!(block.accepted, [0]);
         assert_eq!(before.len(), budget);
-        assert_eq!(thinning.keep, (0..=budget).filter(|&place| place != worst).collect::<Vec<_>>());
+        assert_eq!(thinning.keep(), (0..=budget).filter(|&place| place != worst).collect::<Vec<_>>());
         replaced += 1;
     }
     assert!(replaced > 20, "{replaced} replacements");
@@ -116,6 +116,42 @@ fn a_raised_nu_holds_for_all_members_and_for_what_comes() {
     assert!(raised > 1, "raised {raised} times");
     let last_block = x.as_ref().subcols(1160, 40);
     assert!(residuals(selection.dictionary(), last_block).iter().all(|&residual| residual <= last + 1e-9));
+}
+
+/// Support vectors that have nothing in common: whatever ν, either all stay or none. The dictionary goes on nevertheless.
+#[test]
+fn a_raised_nu_stays_below_the_kernel_of_an_observation_with_itself() {
+    let x = Mat::from_fn(1, 50, |_, t| 100.0 * t as f64);
+    for budget in [1, 2, 8] {
+        let mut selection = selection("raise nu", 1.0, 0.1, budget);
+        for t in 0..50 {
+            let block = selection.observe(x.as_ref().subcols(t, 1)).unwrap();
+            assert_eq!(block.accepted, [0]);
+            selection.thin().unwrap();
+            assert!((1..=budget).contains(&selection.dictionary().len()));
+            assert!(selection.nu().unwrap() < 1.0);
+        }
+        assert!(selection.dictionary().len() >= budget * 3 / 4);
+    }
+}
+
+/// What has no room does not count as known either.
+#[test]
+fn ald_over_features_knows_no_more_than_its_support_vectors() {
+    let x = Mat::from_fn(1, 40, |_, t| t as f64);
+    let over = FeatureParameters { kernel: Kernel::gaussian(0.1).unwrap(), nu: 0.1 };
+    let replace = Parameters { when_full: WhenFull::Replace, ..parameters(0.1, 0.1, 5) };
+    for (parameters, taken) in [(parameters(0.1, 0.1, 5), 0), (replace, 20)] {
+        let mut selection = FeatureAld::new(parameters, over).unwrap();
+        selection.adopt(FeatureMap::new(|x: MatRef<'_, f64>| Ok(x.to_owned()))).unwrap();
+        selection.observe(x.as_ref().subcols(0, 20)).unwrap();
+        selection.thin().unwrap();
+        assert_eq!(selection.dictionary().len(), 5);
+        let block = selection.observe(x.as_ref().subcols(20, 20)).unwrap();
+        assert_eq!(block.accepted.len(), taken);
+        selection.thin().unwrap();
+        assert_eq!(selection.dictionary().len(), 5);
+    }
 }
 
 #[test]
@@ -286,6 +322,78 @@ proptest! {
         prop_assert_eq!(stream.take_thinnings().is_empty(), rule == "stop");
         let v = stream.dictionary().coordinates(x.as_ref()).unwrap();
         assert_same_moments(stream.settled_moments().unwrap(), &batch_moments(v.as_ref(), &links), 1e-8);
+    }
+
+    /// With frames that fade, frames that are no longer retained and support vectors that leave, all at once: the sums are
+    /// those of all frames ever seen, by their definition. What a frame was not told before it left counts as zero.
+    #[test]
+    fn sums_of_a_stream_that_fades_forgets_and_loses_members_follow_their_definition(
+        seed in any::<u64>(),
+        rule in prop::sample::select(RULES.to_vec()),
+        size in 1usize..30,
+        settle_at in 1usize..40,
+        retained in 1usize..200,
+        memory in prop::option::of(30.0..300.0f64),
+    ) {
+        let (n, budget) = (240, 20);
+        let x = random_path(4, n, seed);
+        let links = random_links(n, seed ^ 1);
+        let options = StreamOptions { retained, memory_frames: memory, settle_at };
+        let mut stream = SlowStream::from_boxed(selection(rule, 0.3, 0.005, budget), options).unwrap();
+
+        // The same selection once more, with all coordinates of all frames kept: one matrix for frames, one for derivatives.
+        let mut twin = selection(rule, 0.3, 0.005, budget);
+        let (mut v, mut rates) = (Mat::<f64>::zeros(0, n), Mat::<f64>::zeros(0, n));
+        let (mut weights, mut blocks) = (vec![0.0; n], std::collections::VecDeque::new());
+        for start in (0..n).step_by(size) {
+            let end = (start + size).min(n);
+            let part = x.as_ref().subcols(start, end - start);
+            stream.push(part, &links[start..end]).unwrap();
+
+            twin.observe(part).unwrap();
+            if let Some(memory) = memory {
+                weights.iter_mut().for_each(|weight| *weight *= (-((end - start) as f64) / memory).exp());
+            }
+            weights[start..end].fill(1.0);
+            blocks.push_back((start, end));
+            let first: usize = blocks[0].0;
+            let exact = twin.dictionary().coordinates(x.as_ref()).unwrap();
+            let had = v.nrows();
+            v.resize_with(exact.nrows(), n, |_, _| 0.0);
+            rates.resize_with(exact.nrows(), n, |_, _| 0.0);
+            for t in first..end {
+                // Rows a frame has already stay as they are; of a block that is new, all are.
+                let from = if t >= start { 0 } else { had };
+                for i in from..v.nrows() {
+                    v[(i, t)] = exact[(i, t)];
+                    if let Some(link) = links[t] && t > first {
+                        rates[(i, t)] = (v[(i, t)] - v[(i, t - 1)]) * link.weight.sqrt() / link.dt;
+                    }
+                }
+            }
+            while blocks.len() > 1 && end - blocks[0].0 > retained {
+                blocks.pop_front();
+            }
+            if twin.is_over_budget() && let Some(thinning) = twin.thin().unwrap() {
+                v = thinning.apply(v.as_ref()).unwrap();
+                rates = thinning.apply(rates.as_ref()).unwrap();
+            }
+        }
+
+        let root = |t: usize| weights[t].sqrt();
+        let total: f64 = weights.iter().sum();
+        let linked: f64 = (0..n).filter_map(|t| links[t].map(|link| link.weight * weights[t])).sum();
+        let mean = Mat::from_fn(v.nrows(), 1, |i, _| (0..n).map(|t| weights[t] * v[(i, t)]).sum::<f64>() / total);
+        let centred = Mat::from_fn(v.nrows(), n, |i, t| root(t) * (v[(i, t)] - mean[(i, 0)]));
+        let covariance = &centred * centred.transpose() * faer::Scale(1.0 / total);
+        let weighed = Mat::from_fn(v.nrows(), n, |i, t| root(t) * rates[(i, t)]);
+        let rate = &weighed * weighed.transpose() * faer::Scale(1.0 / linked);
+        let moments = stream.settled_moments().unwrap();
+        prop_assert!((moments.frames() - total).abs() < 1e-9 * total);
+        prop_assert!((moments.links() - linked).abs() < 1e-9 * linked);
+        prop_assert!(relative_difference(moments.mean().as_ref(), mean.as_ref()) < 1e-8);
+        prop_assert!(relative_difference(moments.covariance().as_ref(), covariance.as_ref()) < 1e-8);
+        prop_assert!(relative_difference(moments.rate().as_ref(), rate.as_ref()) < 1e-8);
     }
 
     /// Features follow their dictionary: they are projected onto what is left, so at every member that stays they keep

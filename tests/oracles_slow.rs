@@ -4,7 +4,7 @@ mod common;
 
 use adagio::dictionary::Ald;
 use adagio::slow::{Link, Moments, SlowError, SlowFeatures, SlowModel, SlowStream, StreamOptions, solve};
-use common::{ald, batch_moments, random_links, random_path, relative_difference};
+use common::{ald, batch_moments, correlation, random_links, random_path, relative_difference};
 use faer::{Mat, MatRef, Par};
 use proptest::prelude::*;
 
@@ -15,14 +15,6 @@ fn series_links(n: usize, dt: f64) -> Vec<Option<Link>> {
 fn outputs(features: &SlowFeatures, v: MatRef<'_, f64>) -> Mat<f64> {
     let centred = Mat::from_fn(v.nrows(), v.ncols(), |i, j| v[(i, j)] - features.mean[(i, 0)]);
     features.weights.transpose() * centred
-}
-
-fn correlation(a: &[f64], b: &[f64]) -> f64 {
-    let mean = |x: &[f64]| x.iter().sum::<f64>() / x.len() as f64;
-    let (ma, mb) = (mean(a), mean(b));
-    let dot =
-        |x: &[f64], mx: f64, y: &[f64], my: f64| -> f64 { x.iter().zip(y).map(|(x, y)| (x - mx) * (y - my)).sum() };
-    dot(a, ma, b, mb) / (dot(a, ma, a, ma) * dot(b, mb, b, mb)).sqrt()
 }
 
 /// Mean 0, variance 1, no correlation, slowness ascending and true, over the given frames.
@@ -174,6 +166,42 @@ proptest! {
         prop_assert!(relative_difference(grown.rate().as_ref(), exact.rate().as_ref()) < 1e-9);
     }
 
+    /// From the first re-solve on, a stream has the features of a batch run over the frames so far.
+    #[test]
+    fn streamed_and_batch_solutions_agree_from_the_first_re_solve_on(
+        seed in any::<u64>(),
+        sizes in prop::collection::vec(1usize..40, 1..5),
+        settle_at in 1usize..40,
+    ) {
+        let x = random_path(3, 240, seed);
+        let links = random_links(240, seed ^ 3);
+        let mut stream = SlowStream::new(ald(0.4, 0.01, 10_000), options(settle_at)).unwrap();
+        let (mut start, mut turn) = (0, 0);
+        while start < 240 {
+            let end = (start + sizes[turn % sizes.len()]).min(240);
+            stream.push(x.as_ref().subcols(start, end - start), &links[start..end]).unwrap();
+            (start, turn) = (end, turn + 1);
+            let moments = stream.settled_moments().unwrap().clone();
+            if end < 20 || moments.size() < 4 {
+                continue;
+            }
+            let seen = x.as_ref().subcols(0, end);
+            let v = stream.dictionary().coordinates(seen).unwrap();
+            let batch = batch_moments(v.as_ref(), &links[..end]);
+            let (a, b) = (solve(&moments, 2, 1e-3, None).unwrap(), solve(&batch, 2, 1e-3, None).unwrap());
+            let (y, z) = (outputs(&a, v.as_ref()), outputs(&b, v.as_ref()));
+            for j in 0..2 {
+                prop_assert!((a.slowness[j] - b.slowness[j]).abs() < 1e-8 * b.slowness[j]);
+            }
+            // Features as slow as each other may be rotated: compare their span.
+            let overlap = &y * z.transpose() * faer::Scale(1.0 / end as f64);
+            let gap = (b.slowness[1] - b.slowness[0]) / b.slowness[1];
+            for j in 0..2 {
+                prop_assert!(gap < 1e-3 || overlap[(j, j)].abs() > 1.0 - 1e-7, "{overlap:?} after {end} frames");
+            }
+        }
+    }
+
     /// Features that are solved from a stream obey their constraints on the frames it was made of.
     #[test]
     fn features_of_a_stream_obey_their_constraints(seed in any::<u64>(), block in 1usize..80) {
@@ -186,21 +214,6 @@ proptest! {
         prop_assert!((0..400).all(|t| phi[(0, t)] == 1.0));
         assert_constraints(phi.as_ref().subrows(1, 8), &features, &links, 1e-7);
     }
-}
-
-#[test]
-fn forgotten_frames_count_as_zero_in_later_coordinates_only() {
-    let x = random_path(4, 400, 77);
-    let links = series_links(400, 1.0);
-    let short = StreamOptions { retained: 100, ..options(1) };
-    let mut stream = streamed(&x, &links, &[20], ald(0.3, 0.01, 10_000), short);
-    let whole = streamed(&x, &links, &[20], ald(0.3, 0.01, 10_000), options(1)).settled_moments().unwrap().clone();
-    assert_eq!(stream.settled_moments().unwrap().frames(), 400.0);
-    let (part, whole) = (stream.settled_moments().unwrap().covariance(), whole.covariance());
-    let last = part.nrows() - 1;
-    // The first coordinate is the kernel value at the first frame, which every frame has from the start.
-    assert!((part[(0, 0)] - whole[(0, 0)]).abs() < 1e-12);
-    assert!(part[(last, last)] < whole[(last, last)] + 1e-15);
 }
 
 #[test]
@@ -254,6 +267,43 @@ fn a_new_solution_keeps_the_signs_of_the_one_before() {
     }
 }
 
+/// On a ring sines and cosines are equally slow: any rotation of the two is a solution. The one nearest to the earlier one is
+/// taken.
+#[test]
+fn equally_slow_features_are_rotated_towards_the_solution_before() {
+    let states = 12;
+    let one = |i: usize, s: usize| f64::from(u8::from(i == s % states));
+    // Every step of the ring once, there and back.
+    let v = Mat::from_fn(states, states, one);
+    let rates = Mat::from_fn(states, 2 * states, |i, t| {
+        let (here, there) = if t < states { (t, t + 1) } else { (t + 1, t) };
+        one(i, there) - one(i, here)
+    });
+    let mut moments = Moments::new(Par::Seq);
+    moments.widen(states).unwrap();
+    moments.add(v.as_ref(), rates.as_ref(), rates.ncols() as f64).unwrap();
+    let first = solve(&moments, 6, 1e-9, None).unwrap();
+    for angle in [0.3f64, 1.9, 4.0] {
+        let (sin, cos) = angle.sin_cos();
+        let mut earlier = first.clone();
+        for pair in [0, 2, 4] {
+            for i in 0..states {
+                let (a, b) = (first.weights[(i, pair)], first.weights[(i, pair + 1)]);
+                earlier.weights[(i, pair)] = cos * a + sin * b;
+                earlier.weights[(i, pair + 1)] = cos * b - sin * a;
+            }
+        }
+        let aligned = solve(&moments, 6, 1e-9, Some(&earlier)).unwrap();
+        // Within a pair the order is that of slownesses which are equal up to rounding.
+        for pair in [0, 2, 4] {
+            let agreement =
+                aligned.weights.transpose() * (moments.covariance() * earlier.weights.as_ref().subcols(pair, 2));
+            let largest = |j: usize| (pair..pair + 2).map(|i| agreement[(i, j)]).fold(f64::NEG_INFINITY, f64::max);
+            assert!((largest(0) - 1.0).abs() < 1e-6 && (largest(1) - 1.0).abs() < 1e-6, "{agreement:?}");
+        }
+    }
+}
+
 #[test]
 fn impossible_requests_are_refused_with_their_numbers() {
     let v = random_path(3, 50, 6);
@@ -269,6 +319,33 @@ fn impossible_requests_are_refused_with_their_numbers() {
     assert_eq!(solve(&singular, 1, 0.0, None).unwrap().rank_deficit, 1);
     assert_eq!(solve(&singular, 1, 1e-9, None).unwrap().rank_deficit, 1);
     assert_eq!(solve(&singular, 2, 0.0, None).unwrap_err(), SlowError::Features { asked: 2, rank: 1 });
+}
+
+/// The rounding of a sum of equal numbers grows with their number; it must not count as variance.
+#[test]
+fn a_constant_coordinate_is_left_out_however_many_frames_there_are() {
+    let (n, block) = (100_000, 1000);
+    for constant in [0.1, 0.7, 1e3 / 3.0] {
+        let (mut still, mut half) = (Moments::new(Par::Seq), Moments::new(Par::Seq));
+        still.widen(2).unwrap();
+        half.widen(2).unwrap();
+        for start in (0..n).step_by(block) {
+            let value = |i: usize, t: usize| if i == 0 { constant } else { (0.01 * (start + t) as f64).sin() };
+            let links = vec![Some(Link { dt: 1.0, weight: 1.0 }); block];
+            let before = |rows: &dyn Fn(usize) -> f64| Mat::from_fn(2, 1, |i, _| rows(i));
+            let v = Mat::from_fn(2, block, value);
+            half.add_series(v.as_ref(), &links, Some(before(&|i| value(i, 0)).as_ref())).unwrap();
+            let v = Mat::from_fn(2, block, |_, _| constant);
+            still.add_series(v.as_ref(), &links, Some(before(&|_| constant).as_ref())).unwrap();
+        }
+        let found = solve(&half, 1, 0.0, None).unwrap();
+        assert_eq!(found.rank_deficit, 1);
+        assert_eq!(found.weights[(0, 0)], 0.0);
+        for lambda in [0.0, 1e-9] {
+            let refused = solve(&still, 1, lambda, None).unwrap_err();
+            assert_eq!(refused, SlowError::Features { asked: 1, rank: 0 }, "{constant}, lambda {lambda}");
+        }
+    }
 }
 
 #[test]

@@ -25,19 +25,26 @@ fn letters(q: &Mat<f64>) -> String {
     chain_walk::letters(&Policy::greedy(q.as_ref()).unwrap().chosen())
 }
 
-/// Lagoudakis & Parr 2003, §9.1: their V* and Q, to the digits that they print.
+/// Lagoudakis & Parr 2003, §9.1: their V* and Q, and exactly what policy iteration finds.
 #[test]
 fn chain_of_four_states_with_a_quadratic_basis() {
     let process = koller_parr::process().unwrap();
     let q = q_values(&process, &tabular(&process), &LspiOptions::default());
+    let optimum = exact::policy_iteration(&process).unwrap();
+    assert!((&q - &optimum.q).norm_max() < 1e-9);
+    // By hand, for RRLL: V(1) = V(2) = 1 + γ(0.9·V(1) + 0.1·V(0)), since the chain is its own mirror image, and
+    // V(0) = γ(0.9·V(1) + 0.1·V(0)) = V(1) − 1. So V(1)(1 − γ) = 1 − 0.1γ.
+    let inner = (1.0 - 0.09) / 0.1;
+    for (s, known) in [inner - 1.0, inner, inner, inner - 1.0].into_iter().enumerate() {
+        assert!((optimum.values[s] - known).abs() < 1e-12);
+        assert!((q[(0, s)].max(q[(1, s)]) - known).abs() < 1e-9);
+    }
+    // As printed: two digits.
     let known = [[7.38, 8.38, 9.1, 8.1], [8.1, 9.1, 8.38, 7.38]];
     for (a, known) in known.into_iter().enumerate() {
         for (s, known) in known.into_iter().enumerate() {
-            assert!((q[(a, s)] - known).abs() < 0.02, "Q({s}, {a}) = {}", q[(a, s)]);
+            assert!((q[(a, s)] - known).abs() < 0.005, "Q({s}, {a}) = {}", q[(a, s)]);
         }
-    }
-    for (s, known) in [8.1, 9.1, 9.1, 8.1].into_iter().enumerate() {
-        assert!((q[(0, s)].max(q[(1, s)]) - known).abs() < 0.02);
     }
     assert_eq!(letters(&q_values(&process, &koller_parr::basis(), &LspiOptions::default())), "RRLL");
 }
@@ -54,7 +61,7 @@ fn chain_of_twenty_states_with_a_polynomial_of_degree_four() {
             assert!((value - known).abs() < 1e-6, "V({s}) = {value}, known {known}");
         }
     }
-    let polynomial = q_values(&process, &bases::powers(20, 4), &LspiOptions::default());
+    let polynomial = q_values(&process, &bases::powers(20, 4).unwrap(), &LspiOptions::default());
     assert_eq!(letters(&polynomial), "LLLLLLLLLLRRRRRRRRRR");
 }
 
@@ -250,6 +257,38 @@ fn a_circle_of_greedy_policies_is_found() {
         circles += usize::from(fit.cycle.is_some_and(|period| period >= 2));
     }
     println!("{circles} circles of 200");
+    assert!(circles > 0);
+}
+
+/// The circle is a real one: from the reported length on, the same evaluations come back.
+#[test]
+fn the_length_of_a_circle_is_the_number_of_policies_in_it() {
+    let mut circles = 0;
+    for seed in 0..200 {
+        let mut rng = generator(seed);
+        let (f, n) = (6, 24);
+        let phi = Mat::from_fn(f, n, |_, _| rng.random_range(-1.0..1.0));
+        let next = Mat::from_fn(f, n, |_, _| rng.random_range(-1.0..1.0));
+        let actions: Vec<usize> = (0..n).map(|_| rng.random_range(0..2)).collect();
+        let rewards: Vec<f64> = (0..n).map(|_| rng.random_range(-1.0..1.0)).collect();
+        let data = Samples { phi: phi.as_ref(), actions: &actions, weights: &vec![1.0; n] };
+        let problem = Lspi::new(data, 2, Par::Seq).unwrap();
+        let outcomes = Outcomes { next: next.as_ref(), rewards: &rewards, allowed: None };
+        let options = LspiOptions { gamma: 0.95, ..LspiOptions::default() };
+        let fit = problem.fit(&outcomes, &options).unwrap();
+        let Some(length) = fit.cycle else { continue };
+        circles += 1;
+        // By hand with LSQ: once round the circle, and the weights are those of its beginning.
+        let mut weights = fit.weights.clone();
+        let mut between = Vec::new();
+        for _ in 0..length {
+            let q = weights.transpose() * &next;
+            weights = problem.evaluate(&outcomes, &Policy::greedy(q.as_ref()).unwrap(), 0.95, 0.0).unwrap();
+            between.push((&weights - &fit.weights).norm_max() / fit.weights.norm_max());
+        }
+        assert!(between[length - 1] < 1e-9, "seed {seed}: {between:?}");
+        assert!(between[..length - 1].iter().all(|difference| *difference > 1e-6), "seed {seed}: {between:?}");
+    }
     assert!(circles > 0);
 }
 

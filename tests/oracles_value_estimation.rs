@@ -170,7 +170,7 @@ proptest! {
         prop_assert!((&found - &known).norm_max() < 1e-8);
     }
 
-    /// The probabilities of being the largest: against a million draws' worth of theory, for two by the error function.
+    /// The probabilities of being the largest: for two by the error function of their difference.
     #[test]
     fn probabilities_of_the_maximiser(
         means in prop::collection::vec(-5.0f64..5.0, 1..6), deviations in prop::collection::vec(1e-6f64..4.0, 6)
@@ -239,7 +239,7 @@ fn lsq_of_the_optimal_policy_gives_the_optimal_values() {
 #[test]
 fn cosines_of_random_walks_are_their_own_values() {
     let (states, gamma) = (20, 0.9);
-    let basis = walk::cosines(states, 4);
+    let basis = walk::cosines(states, 4).unwrap();
     for j in 0..4 {
         let process = walk::reflecting(&column(basis.transpose(), j), gamma).unwrap();
         let w = process.expected(basis.as_ref(), |_, _| 1.0).unwrap().lstd(gamma, 0.0).unwrap();

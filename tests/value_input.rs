@@ -214,6 +214,78 @@ proptest! {
     }
 }
 
+/// Sizes that no memory holds, and values that overflow on the way.
+#[test]
+fn sizes_and_values_out_of_reach_are_refused() {
+    let most = usize::MAX;
+    let one = Mat::<f64>::from_fn(1, 1, |_, _| 1.0);
+    let refused = |error: ValueError| {
+        let text = error.to_string();
+        assert!(matches!(error, ValueError::Size { .. }) && text.contains("1073741824"), "{text}");
+    };
+    refused(Policy::uniform(most, 2).unwrap_err());
+    refused(Policy::deterministic(&[0], most).unwrap_err());
+    refused(LstdLambda::new(most, 0.9, 0.5).unwrap_err());
+    let options = SarsaOptions { gamma: 0.9, step: 0.1, epsilon: 0.1 };
+    refused(Sarsa::new(most, 2, options).unwrap_err());
+    refused(Sarsa::new(2, most, options).unwrap_err());
+    let mut wide = Batch::new(1, most).unwrap();
+    wide.push(&[1.0], 0, 0.0, None, 1.0).unwrap();
+    refused(wide.lspi().unwrap_err());
+    let samples = Samples { phi: one.as_ref(), actions: &[0], weights: &[1.0] };
+    refused(Lspi::new(samples, most, Par::Seq).unwrap_err());
+    refused(FiniteMdp::new(most, 2, 0.9, |_, _| vec![]).unwrap_err());
+    refused(chain_walk::process(most, 0.9, 0.9, &[]).unwrap_err());
+    refused(bases::powers(most, 3).unwrap_err());
+    refused(bases::powers(3, u32::MAX).unwrap_err());
+    refused(bases::bumps(3, most).unwrap_err());
+    refused(walk::cosines(most, most).unwrap_err());
+    assert_eq!(Policy::deterministic(&[], 0).unwrap_err(), ValueError::NoActions);
+    assert_eq!(Batch::new(most, 1).unwrap().len(), 0);
+    assert!(Smoothing::new(0.5).unwrap().push(&[]).is_err());
+
+    // A high degree takes no more time than its numbers.
+    assert!(bases::powers(3, 100_000).unwrap().is_all_finite());
+    let nan = Mat::from_fn(1, 1, |_, _| f64::NAN);
+    let mut batch = Batch::new(1, 2).unwrap();
+    batch.push(&[1.0], 0, 1.0, None, 1.0).unwrap();
+    let fit = batch.fit(&LspiOptions::default()).unwrap();
+    assert!(fit.action_values(nan.as_ref()).is_err() && fit.policy(nan.as_ref()).is_err());
+    assert!(Policy::greedy(nan.as_ref()).is_err());
+    assert!(pendulum::balanced_steps(Mat::from_fn(10, 3, |_, _| f64::NAN).as_ref(), 10, &mut generator(1)).is_err());
+    assert!(
+        pendulum::balanced_steps(Mat::zeros(10, 2).as_ref(), 10, &mut generator(1))
+            .unwrap_err()
+            .to_string()
+            .contains("has 2")
+    );
+    // Rewards near the end of the numbers: all values lie beyond it.
+    for reward in [1.7e308, -1.7e308] {
+        let huge = FiniteMdp::with_target_rewards(1, 2, 0.9, &[reward], |_, _| vec![(0, 1.0)]).unwrap();
+        assert!(exact::policy_iteration(&huge).is_err() && exact::value_iteration(&huge, 1e-6, 100).is_err());
+        assert!(exact::action_values(&huge, &[reward]).is_err());
+    }
+    let two = FiniteMdp::with_target_rewards(2, 1, 0.9, &[0.0, 1.0], |s, _| vec![(s, 1.0)]).unwrap();
+    let text = two.expected(one.as_ref(), |_, _| 1.0).unwrap_err().to_string();
+    assert_eq!(text, "the basis has 1 entries, but it must have 2");
+    // Equal values far from zero, with deviations that are small beside them, share alike.
+    assert_eq!(maximiser_probabilities(&[1e300; 2], &[1e-10; 2]).unwrap(), [0.5, 0.5]);
+    assert_eq!(maximiser_probabilities(&[1.7e308, -1.7e308], &[1.0, 1.0]).unwrap(), [1.0, 0.0]);
+}
+
+/// With a discount so near to 1 that rounding is larger than the difference between policies, policy iteration still ends.
+#[test]
+fn policy_iteration_ends_whatever_the_discount() {
+    for gamma in [1.0 - 1e-9, 1.0 - 1e-13, 1.0 - f64::EPSILON / 2.0] {
+        for states in [2, 5, 20] {
+            let process = chain_walk::process(states, 0.7, gamma, &[0, states - 1]).unwrap();
+            if let Ok(optimum) = exact::policy_iteration(&process) {
+                assert!(optimum.values.iter().all(|value| value.is_finite()));
+            }
+        }
+    }
+}
+
 /// The errors name what was wrong, with its numbers.
 #[test]
 fn impossible_requests_are_refused_with_their_numbers() {

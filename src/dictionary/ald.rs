@@ -1,8 +1,4 @@
 //! Approximate linear dependence (ALD): take what the support vectors do not span up to `√ν`.
-//!
-//! An observation becomes a support vector when `ε(x) > ν`. (The thesis prints the inequality of its algorithm 2 the wrong
-//! way round, and its text says it right.) The number of support vectors stays bounded for every ν, but there is no
-//! telling beforehand what it will be; so there is a budget, and three ways to live with it.
 
 use faer::linalg::triangular_inverse::invert_lower_triangular;
 use faer::{Mat, MatRef, Par};
@@ -17,6 +13,8 @@ pub enum WhenFull {
     /// Stop growing.
     Stop,
     /// Raise ν until ALD over the support vectors, in their order, keeps at most ¾ of the budget; then go on with that ν.
+    /// If it would keep none (the support vectors have nothing in common, σ is too small), ν stays below that, and the
+    /// first ¾ of the budget stay.
     RaiseNu,
     /// Go on accepting, and let the least independent support vectors leave.
     ///
@@ -42,6 +40,10 @@ pub struct Parameters {
 }
 
 /// Selection by approximate linear dependence.
+///
+/// An observation becomes a support vector when `ε(x) > ν`. (The thesis prints the inequality of its algorithm 2 the wrong
+/// way round, and its text says it right.) The number of support vectors stays bounded for every ν, but there is no
+/// telling beforehand what it will be; so there is a budget, and three ways to live with it.
 ///
 /// # Reference
 /// Engel, Mannor & Meir 2004; thesis §2.2.6, eq. `ald_condition2`. Replacing the least independent member: the score of
@@ -115,12 +117,14 @@ impl<T: Scalar> Ald<T> {
         let lowest = (0..factor.nrows()).map(|i| factor[(i, i)] * factor[(i, i)]).fold(f64::INFINITY, f64::min);
         self.nu = self.nu.max(lowest / RAISE);
         loop {
-            self.nu *= RAISE;
-            let mut kept = self.survivors(self.nu)?;
+            let raised = self.nu * RAISE;
+            let kept = self.survivors(raised)?;
             if kept.is_empty() {
-                // A budget of one: above k(x, x) nothing is accepted any more. The first stays.
-                kept.push(0);
+                // Members this independent of each other differ in nothing that ν could go by, and above k(x, x) it would
+                // never accept anything again: ν stays, and the first members do.
+                return Ok((0..room).collect());
             }
+            self.nu = raised;
             if kept.len() <= room {
                 return Ok(kept);
             }

@@ -1,8 +1,4 @@
 //! ALD in the space of features: support vectors that are spread over what the features tell apart.
-//!
-//! A set that is uniform in the space of images is worse for values than one that is uniform in the space of states
-//! (Böhmer et al. 2013, §5.5). States are not known, but slow features are the nearest thing: they vary with the
-//! robot's place, not with every change of the image.
 
 use std::fmt;
 use std::sync::Arc;
@@ -53,6 +49,10 @@ pub struct FeatureParameters {
 
 /// Selection by approximate linear dependence of *features* of the observations.
 ///
+/// A set that is uniform in the space of images is worse for values than one that is uniform in the space of states
+/// (Böhmer et al. 2013, §5.5). States are not known, but slow features are the nearest thing: they vary with the
+/// robot's place, not with every change of the image.
+///
 /// Until features are [adopted](Selection::adopt) it is a plain [`Ald`] over the observations. New features judge from
 /// then on; support vectors that were taken before stay.
 #[derive(Debug, Clone)]
@@ -91,6 +91,11 @@ impl<T: Scalar> Selection<T> for FeatureAld<T> {
         let mut grown = over_features.clone();
         let novel = grown.grow(features.as_ref(), |_, residual| residual > nu)?.accepted;
         let block = self.ald.take(x, |index, _| novel.binary_search(&index).is_ok())?;
+        if block.accepted.len() < novel.len() {
+            // There was no room for all of them. Only support vectors count as known, so that this dictionary stays as small.
+            grown = over_features.clone();
+            grown.grow(features.as_ref(), |index, _| block.accepted.binary_search(&index).is_ok())?;
+        }
         *over_features = grown;
         Ok(block)
     }
@@ -108,11 +113,23 @@ impl<T: Scalar> Selection<T> for FeatureAld<T> {
     }
 
     fn thin(&mut self) -> Result<Option<Thinning>, DictionaryError> {
+        let Some((map, over_features)) = &mut self.adopted else { return self.ald.thin() };
+        if !self.ald.is_over_budget() {
+            return Ok(None);
+        }
+        // Features come from outside and may fail. Nothing may have left by then: whoever sums over coordinates could not
+        // follow.
+        let features = map.of(self.ald.dictionary().members())?;
+        let FeatureParameters { kernel, nu } = self.parameters;
+        let empty = |expected, par| Dictionary::new(kernel, expected, par);
+        let (members, par) = (self.ald.dictionary().len(), self.ald.dictionary().par());
+        empty(members, par).grow(features.as_ref(), |_, _| false)?;
         let thinning = self.ald.thin()?;
-        if thinning.is_some()
-            && let Some((map, _)) = self.adopted.take()
-        {
-            self.adopt(map)?;
+        if let Some(thinning) = &thinning {
+            let keep = thinning.keep();
+            let of_members = Mat::from_fn(features.nrows(), keep.len(), |i, j| features[(i, keep[j])]);
+            *over_features = empty(keep.len(), par);
+            over_features.grow(of_members.as_ref(), |_, residual| residual > nu)?;
         }
         Ok(thinning)
     }

@@ -1,16 +1,16 @@
-//! Greedy selection by the largest residual: matching pursuit of the affine hull (MP-MAH).
-//!
-//! Each step takes the observation that is farthest from the span of the support vectors so far. This is a Cholesky
-//! factorisation with complete pivoting of the kernel matrix, of which only the chosen rows are computed.
+//! Greedy selection by the largest residual: matching pursuit maximisation of the affine hull (MP-MAH).
 
 use faer::{Mat, MatRef, Par};
 
 use super::error::{check_budget, check_nu};
-use super::newton::finite_norms;
+use super::newton::{ROUNDING, finite_norms};
 use super::{Block, Dictionary, DictionaryError, Selection};
 use crate::kernel::{Kernel, Scalar, squared_norms};
 
 /// Selection of the largest residual, again and again, until none is above ν or the budget is used up.
+///
+/// Each step takes the observation that is farthest from the span of the support vectors so far. This is a Cholesky
+/// factorisation with complete pivoting of the kernel matrix, of which only the chosen rows are computed.
 ///
 /// It is not streaming: it chooses within one block only, so all observations have to be in it. A later block goes on
 /// from the support vectors that there are. For `n` observations and `m` support vectors it needs `n·m` values of memory
@@ -48,12 +48,17 @@ impl<T: Scalar> GreedyResidual<T> {
         let known = self.dictionary.coordinates(x)?;
         let mut rows: Vec<Vec<f64>> = (0..known.nrows()).map(|i| (0..n).map(|t| known[(i, t)]).collect()).collect();
         let kernel = self.dictionary.kernel();
+        let whole: Vec<f64> = norms.iter().map(|&norm| kernel.diagonal(norm)).collect();
         let mut left: Vec<f64> =
-            (0..n).map(|t| kernel.diagonal(norms[t]) - rows.iter().map(|row| row[t] * row[t]).sum::<f64>()).collect();
+            (0..n).map(|t| whole[t] - rows.iter().map(|row| row[t] * row[t]).sum::<f64>()).collect();
+        if let Some(bad) = left.iter().position(|residual| !residual.is_finite()) {
+            return Err(DictionaryError::NotFinite(bad));
+        }
         let mut residuals: Vec<Option<f64>> = vec![None; n];
         let mut chosen = Vec::new();
         while self.dictionary.len() + chosen.len() < self.budget {
-            let candidates = (0..n).filter(|&t| residuals[t].is_none());
+            // What is left of combinations of the support vectors is rounding.
+            let candidates = (0..n).filter(|&t| residuals[t].is_none() && left[t] > ROUNDING * whole[t]);
             let Some(best) = candidates.reduce(|a, b| if left[b] > left[a] { b } else { a }) else { break };
             if left[best] <= self.nu {
                 break;

@@ -1,8 +1,20 @@
 //! Which observations to keep as support vectors.
 //!
-//! Symbols (DESIGN §2): support vectors `s₁ … s_m` in the order in which they were accepted, kernel matrix `K = LLᵀ`
-//! (Cholesky), kernel row `k(x)`, **Newton coordinates** `v(x) = L⁻¹k(x)`, residual `ε(x) = k(x, x) − ‖v(x)‖²`: the squared
-//! distance of `x` from the span of the support vectors in feature space.
+//! With a kernel `k`, what can be learned from observations `x₁ … x_n` is `f(x) = Σᵢ αᵢ k(xᵢ, x)`: it costs a coefficient
+//! and a kernel value per observation, and n × n matrices to find. But most observations are nearly combinations of others.
+//! A dictionary keeps those that are not, the *support vectors*, and expresses all others by them.
+//!
+//! | symbol | size | meaning |
+//! |---|---|---|
+//! | `s₁ … s_m` | d each | support vectors, in the order in which they were accepted |
+//! | `K = LLᵀ` | m × m | their kernel matrix and its Cholesky factor |
+//! | `k(x)` | m | kernel row: kernel values of `x` with the support vectors |
+//! | `v(x) = L⁻¹k(x)` | m | *Newton coordinates* of `x` |
+//! | `ε(x) = k(x, x) − ‖v(x)‖²` | | residual: squared distance of `x` from the span of the support vectors in the kernel's feature space |
+//!
+//! Scalar products of Newton coordinates are kernel values, `v(x)ᵀv(x′) ≈ k(x, x′)`, up to the residuals, so any linear
+//! method run on `v` is the kernel method. A function `f(x) = wᵀv(x)` has the norm `‖w‖` in the kernel's Hilbert space; and
+//! coordinates that exist stay as they are when a support vector comes in.
 //!
 //! A [`Dictionary`] holds support vectors and their factor. A [`Selection`] owns one and decides what it takes:
 //!
@@ -14,7 +26,15 @@
 //! | [`GreedyResidual`] | again and again the observation with the largest residual (MP-MAH) | no: within one block |
 //!
 //! At its budget an [`Ald`] stops growing, raises ν and thins out, or replaces its least independent members
-//! ([`WhenFull`]). [`width_for_size`] finds the kernel width at which ALD keeps a given number.
+//! ([`WhenFull`]). Everything that was summed over coordinates follows a [`Thinning`] exactly. [`width_for_size`] finds the
+//! kernel width at which ALD keeps a given number.
+//!
+//! # Erratum of the thesis
+//! Algorithm 2 (§2.2.6) accepts an observation if `ε < ν`; its text, and Engel et al., accept it if `ε > ν`, as here.
+//!
+//! # Reference
+//! Thesis §2.2.5, §2.2.6; Engel, Mannor & Meir, IEEE Trans. Signal Processing 52 (2004); Müller & Schaback, J. Approx.
+//! Theory 161 (2009) (Newton basis).
 //!
 //! # Example
 //! ```

@@ -40,7 +40,8 @@ pub trait Selection<T: Scalar>: Debug + Send {
     /// Bring the dictionary back to its budget. `None` if nothing had to leave.
     ///
     /// # Errors
-    /// None that a dictionary of accepted observations can meet.
+    /// Features that cannot be computed for the support vectors, where a selection judges by features; nothing has left
+    /// then. Otherwise none that a dictionary of accepted observations can meet.
     fn thin(&mut self) -> Result<Option<Thinning>, DictionaryError> {
         Ok(None)
     }

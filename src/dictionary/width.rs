@@ -1,8 +1,4 @@
 //! The kernel width at which ALD keeps a given number of support vectors.
-//!
-//! There is no way to tell the number from ν and σ. The thesis (§2.2.6) kept ν, varied σ by hand and repeated the selection
-//! until the number suited. This is that search: a bracket around the median distance, then bisection on a logarithmic
-//! scale.
 
 use faer::{MatRef, Par};
 
@@ -31,6 +27,10 @@ const RESOLUTION: f64 = 1e-4;
 const BLOCK: usize = 128;
 
 /// The width σ at which ALD with threshold `nu` keeps `target` of the observations `x`, as nearly as any width does.
+///
+/// There is no way to tell the number from ν and σ. The thesis (§2.2.6) kept ν, varied σ by hand and repeated the selection
+/// until the number suited. This is that search: a bracket around the median distance, then bisection on a logarithmic
+/// scale.
 ///
 /// `kernel` makes the kernel of a width, such as [`Kernel::gaussian`]. The narrower the kernel, the more is kept.
 ///

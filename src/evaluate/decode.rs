@@ -82,7 +82,7 @@ pub fn decode_pose(
     let lambdas = LAMBDAS.map(|lambda| lambda * train as f64);
 
     let lambda = select_ridge(known, targets.as_ref(), &lambdas, &folds, Bias::Free, Par::Seq)?.best().settings;
-    let mut sums = Sums::new(known.nrows(), 4);
+    let mut sums = Sums::new(known.nrows(), 4)?;
     sums.add(known, targets.as_ref(), Par::Seq)?;
     let linear = error_of(ridge(&sums, lambda, Bias::Free)?.predict(others)?.as_ref(), &poses[train..]);
 

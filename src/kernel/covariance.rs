@@ -1,19 +1,6 @@
 //! The eigenvalue problem of the covariance in a kernel's space: kernel PCA, exactly or from a subset of support
 //! vectors.
 //!
-//! Symbols: samples `X` (`d × n`), support vectors `S` (`d × m`), `ψ(x)` the image of `x` in the kernel's space, `K`
-//! the kernel matrix of all samples, `K_S` that of the support vectors, `K̂ = k(S, X)` (`m × n`), `k(x)` the kernel
-//! values of `x` with `S`, `k̄` their mean over the samples, and `H = I − 11ᵀ/n`, which subtracts a mean.
-//!
-//! **Exact.** The covariance of the centred images has the eigenvalues `λ/n`, where `HKH = VΛVᵀ`, and the unit
-//! eigenvectors `Σᵢ aᵢψ(xᵢ)` with `a = H v/√λ`. So the projection of any observation is `φ(x) = Aᵀk(x) − c`, where
-//! `A = HVΛ^(−1/2)` and `c = Aᵀk̄`, and its variance over the samples is `λ/n`.
-//!
-//! The thesis's equation for this projection has a factor `√n` too many, which gives neither the projection on unit
-//! vectors nor unit variance (that is `A·√n Λ^(−1/2)`), and its runtime form leaves out the centring, `c` here.
-//!
-//! **Approximations** make do with `m` support vectors; see [`Approximation`].
-//!
 //! # Reference
 //! Thesis §2.2.4, §2.2.5; Schölkopf, Smola & Müller 1998 (kernel PCA); Williams & Seeger 2001 (Nyström).
 
@@ -59,6 +46,19 @@ pub enum Scaling {
 }
 
 /// Principal components in a kernel's space, in the form in which they are used: `φ(x) = Aᵀk(x) − c`.
+///
+/// Symbols: samples `X` (`d × n`), support vectors `S` (`d × m`), `ψ(x)` the image of `x` in the kernel's space, `K`
+/// the kernel matrix of all samples, `K_S` that of the support vectors, `K̂ = k(S, X)` (`m × n`), `k(x)` the kernel
+/// values of `x` with `S`, `k̄` their mean over the samples, and `H = I − 11ᵀ/n`, which subtracts a mean.
+///
+/// **Exact.** The covariance of the centred images has the eigenvalues `λ/n`, where `HKH = VΛVᵀ`, and the unit
+/// eigenvectors `Σᵢ aᵢψ(xᵢ)` with `a = H v/√λ`. So the projection of any observation is `φ(x) = Aᵀk(x) − c`, where
+/// `A = HVΛ^(−1/2)` and `c = Aᵀk̄`, and its variance over the samples is `λ/n`.
+///
+/// The thesis's equation for this projection has a factor `√n` too many, which gives neither the projection on unit
+/// vectors nor unit variance (that is `A·√n Λ^(−1/2)`), and its runtime form leaves out the centring, `c` here.
+///
+/// **Approximations** make do with `m` support vectors; see [`Approximation`].
 ///
 /// # Example
 /// ```

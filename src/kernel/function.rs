@@ -1,7 +1,4 @@
 //! Which kernel, with which parameters.
-//!
-//! All kernels here are functions of three numbers: the product `xᵀx′` and the squared norms `‖x‖²`, `‖x′‖²`. That is
-//! what lets [`Kernel::matrix`](super::Kernel::matrix) run on one matrix product.
 
 use std::fmt;
 
@@ -10,6 +7,9 @@ use serde::{Deserialize, Serialize};
 use super::error::KernelError;
 
 /// A positive definite kernel `k(x, x′)`.
+///
+/// All kernels here are functions of three numbers: the product `xᵀx′` and the squared norms `‖x‖²`, `‖x′‖²`. That is
+/// what lets [`Kernel::matrix`](super::Kernel::matrix) run on one matrix product.
 ///
 /// Made by one of its constructors, which refuse parameters for which it would not be positive definite.
 ///
@@ -79,7 +79,8 @@ impl TryFrom<Form> for Kernel {
                 if !SIGMA.contains(&sigma) {
                     return Err(KernelError::Width(sigma));
                 }
-                if !(exponent > 0.0 && exponent <= 2.0) {
+                // Half of the smallest number is 0, and 0⁰ is not 0.
+                if !(f64::MIN_POSITIVE..=2.0).contains(&exponent) {
                     return Err(KernelError::Exponent(exponent));
                 }
             }
@@ -201,11 +202,13 @@ impl Kernel {
         }
     }
 
-    /// The kernel of an observation with itself, `k(x, x)`, from its squared norm `‖x‖²`.
+    /// The kernel of an observation with itself, `k(x, x)`, from its squared norm `‖x‖²`: 1 for a radial kernel, whatever the
+    /// observation.
     pub fn diagonal(&self, norm: f64) -> f64 {
         match self.form {
             Form::Linear => norm,
             Form::Polynomial { degree, offset } => (norm + offset).powi(degree as i32),
+            Form::NormalisedPolynomial { .. } if norm.is_nan() => f64::NAN,
             Form::NormalisedPolynomial { .. } => f64::from(u8::from(norm > 0.0)),
             Form::Radial { .. } => 1.0,
         }
@@ -302,6 +305,7 @@ mod tests {
         assert!(Kernel::gaussian(f64::NAN).is_err());
         assert_eq!(Kernel::radial(1.0, 2.5), Err(KernelError::Exponent(2.5)));
         assert!(Kernel::radial(1.0, 0.0).is_err());
+        assert_eq!(Kernel::radial(1.0, 5e-324), Err(KernelError::Exponent(5e-324)));
         assert_eq!(Kernel::polynomial(0, 1.0), Err(KernelError::Degree(0)));
         assert_eq!(Kernel::polynomial(2, -0.5), Err(KernelError::Offset(-0.5)));
         assert!(Kernel::polynomial(2, f64::INFINITY).is_err());

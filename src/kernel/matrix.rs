@@ -1,12 +1,4 @@
 //! Kernel values for whole blocks of observations.
-//!
-//! `K = k(SᵀX, ‖s‖², ‖x‖²)`, entry by entry: one matrix product, which runs in the type of the observations (`f32` or
-//! `f64`); everything after it is in `f64`.
-//!
-//! Observations that are whole numbers (camera pixels with a constant subtracted) give *exact* `f32` products as long
-//! as `‖x‖² < 2²⁴` for each of them: by Cauchy–Schwarz no partial sum can then leave the range in which `f32` counts
-//! whole numbers without rounding. The kernel values are the same bits in any order of summation, hence on any number
-//! of threads and for one observation or a block.
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
@@ -29,6 +21,14 @@ impl Scalar for f64 {
 
 impl Kernel {
     /// Kernel values between two sets of observations.
+    ///
+    /// `K = k(SᵀX, ‖s‖², ‖x‖²)`, entry by entry: one matrix product, which runs in the type of the observations (`f32` or
+    /// `f64`); everything after it is in `f64`.
+    ///
+    /// Observations that are whole numbers (camera pixels with a constant subtracted) give *exact* `f32` products as long
+    /// as `‖x‖² < 2²⁴` for each of them: by Cauchy–Schwarz no partial sum can then leave the range in which `f32` counts
+    /// whole numbers without rounding. The kernel values are the same bits in any order of summation, hence on any number
+    /// of threads and for one observation or a block.
     ///
     /// An observation with values that are not finite gives kernel values that are not finite, or 0 under a radial
     /// kernel (at an infinite distance); it never raises a panic, and never changes the values of the other

@@ -5,6 +5,9 @@ use thiserror::Error;
 use crate::dictionary::DictionaryError;
 use crate::kernel::KernelError;
 
+/// The most numbers that are stored on the word of a size alone (8 GiB): more are a mistake in that size.
+const MOST_NUMBERS: usize = 1 << 30;
+
 /// Why a function could not be fitted, applied or selected.
 #[derive(Debug, Error, Clone, PartialEq)]
 pub enum RegressionError {
@@ -17,6 +20,16 @@ pub enum RegressionError {
         found: usize,
         /// The size that fits.
         expected: usize,
+    },
+    /// More numbers than can be stored.
+    #[error("{what} of {rows} × {columns} numbers is not allowed: it must have at most {MOST_NUMBERS} in all")]
+    Size {
+        /// What would be too large.
+        what: &'static str,
+        /// Its rows.
+        rows: usize,
+        /// Its columns.
+        columns: usize,
     },
     /// A value that cannot be summed in squares.
     #[error("{what} {index} holds a value that is not finite, or one beyond ±1e150, whose square is too large")]
@@ -53,6 +66,9 @@ pub enum RegressionError {
         /// Samples there are.
         samples: usize,
     },
+    /// A dictionary needs room for a support vector.
+    #[error("0 support vectors are not allowed: there must be at least 1")]
+    NoSupportVectors,
     /// A selection among nothing.
     #[error("the list of {0} to select from is empty")]
     EmptyGrid(&'static str),
@@ -68,6 +84,14 @@ pub enum RegressionError {
 }
 
 impl RegressionError {
+    /// Refuse what no memory holds.
+    pub(super) fn unless_stored(what: &'static str, rows: usize, columns: usize) -> Result<(), Self> {
+        match rows.checked_mul(columns) {
+            Some(numbers) if numbers <= MOST_NUMBERS => Ok(()),
+            _ => Err(RegressionError::Size { what, rows, columns }),
+        }
+    }
+
     /// Refuse what has another size than needed.
     pub(super) fn unless_fits(what: &'static str, found: usize, expected: usize) -> Result<(), Self> {
         if found == expected { Ok(()) } else { Err(RegressionError::Shape { what, found, expected }) }

@@ -1,10 +1,5 @@
 //! Kernel ridge regression: over all samples, and over the support vectors of a dictionary.
 //!
-//! Replacing scalar products by a kernel, ridge regression becomes `A = (K + λI)⁻¹Tᵀ` and `y(x) = Aᵀk(x)`, with one
-//! coefficient per sample and target (dual form). Over `m` support vectors the same problem is ridge regression on
-//! their Newton coordinates `v(x)` (primal form), whose cost grows with `m` and only linearly with the number of
-//! samples.
-//!
 //! # Reference
 //! Thesis §2.2.2, algorithm 3; the representer theorem, §2.2.1.
 
@@ -18,6 +13,11 @@ use crate::dictionary::Dictionary;
 use crate::kernel::{Kernel, KernelError, Scalar, finite_norms};
 
 /// A function of the kernel's space, `y(x) = Aᵀk(x) + b`.
+///
+/// Replacing scalar products by a kernel, ridge regression becomes `A = (K + λI)⁻¹Tᵀ` and `y(x) = Aᵀk(x)`, with one
+/// coefficient per sample and target (dual form). Over `m` support vectors the same problem is ridge regression on
+/// their Newton coordinates `v(x)` (primal form), whose cost grows with `m` and only linearly with the number of
+/// samples.
 #[derive(Debug, Clone)]
 pub struct KernelModel<T: Scalar> {
     kernel: Kernel,
@@ -54,7 +54,7 @@ impl<T: Scalar> KernelModel<T> {
     /// dictionary.grow(x.as_ref(), |_, residual| residual > 1e-3)?;
     ///
     /// let v = dictionary.coordinates(x.as_ref())?;
-    /// let mut sums = Sums::new(dictionary.len(), 1);
+    /// let mut sums = Sums::new(dictionary.len(), 1)?;
     /// sums.add(v.as_ref(), t.as_ref(), Par::Seq)?;
     /// let model = KernelModel::over(&dictionary, &ridge(&sums, 1e-6, Bias::None)?)?;
     ///

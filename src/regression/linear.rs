@@ -1,9 +1,4 @@
 //! Linear and affine functions by least squares and ridge regression.
-//!
-//! `W = (C + λI)⁻¹B` and, with a free bias, `b = t̄ − Wᵀx̄`, where `C` and `B` are then sums about the means. (The
-//! thesis appends a constant 1 to the inputs instead, which gives the same for λ = 0; for λ > 0 it would penalise the
-//! bias too, so that adding a constant to all targets would change the shape of the solution. Here the bias is free of
-//! the penalty, as is usual in the field.)
 
 use faer::linalg::solvers::Solve;
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
@@ -38,9 +33,11 @@ impl Linear {
     /// Predictions: `x: p × n` gives `q × n`.
     ///
     /// # Errors
-    /// Inputs of another length, or that are not finite.
+    /// Inputs of another length, or that are not finite; weights and a bias of different lengths; predictions too large for
+    /// `f64`.
     pub fn predict(&self, x: MatRef<'_, f64>) -> Result<Mat<f64>, RegressionError> {
         RegressionError::unless_fits("the length of an input", x.nrows(), self.weights.nrows())?;
+        RegressionError::unless_fits("the length of the bias", self.bias.len(), self.weights.ncols())?;
         super::sums::check_finite("input", x)?;
         let mut y = self.weights.transpose() * x;
         add_bias(&mut y, &self.bias)?;
@@ -71,6 +68,11 @@ pub fn least_squares(sums: &Sums, bias: Bias) -> Result<Linear, RegressionError>
 }
 
 /// Ridge regression: the function that minimises `Σ‖y(x) − t‖² + λ‖W‖²`. With λ = 0 it is [`least_squares`].
+///
+/// `W = (C + λI)⁻¹B` and, with a free bias, `b = t̄ − Wᵀx̄`, where `C` and `B` are then sums about the means. (The
+/// thesis appends a constant 1 to the inputs instead, which gives the same for λ = 0; for λ > 0 it would penalise the
+/// bias too, so that adding a constant to all targets would change the shape of the solution. Here the bias is free of
+/// the penalty, as is usual in the field.)
 ///
 /// # Units
 /// λ counts in squared inputs summed over all samples: for the same effect on twice as many samples it must be twice as

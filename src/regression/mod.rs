@@ -37,7 +37,7 @@
 //!
 //! # fn main() -> Result<(), adagio::regression::RegressionError> {
 //! // t = 2x − 1, seen in two blocks.
-//! let mut sums = Sums::new(1, 1);
+//! let mut sums = Sums::new(1, 1)?;
 //! for block in [[0.0, 1.0, 2.0], [3.0, 4.0, 5.0]] {
 //!     let x = Mat::from_fn(1, 3, |_, j| block[j]);
 //!     let t = Mat::from_fn(1, 3, |_, j| 2.0 * block[j] - 1.0);

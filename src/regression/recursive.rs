@@ -1,15 +1,5 @@
 //! Kernel recursive least squares: a function of the kernel's space that is up to date after every sample.
 //!
-//! The dictionary decides by approximate linear dependence whether a sample becomes a support vector. The samples'
-//! Newton coordinates `v` enter a recursive least squares problem, `minimise Σ(wᵀv − t)²`, without regulariser. When a
-//! support vector is accepted, older samples count as zero in the new coordinate. That is what Engel, Mannor & Meir do:
-//! they pad the coefficients `a = K⁻¹k(x)` of older samples with zeros, and since `v = Lᵀa` with a lower triangular `L`
-//! that grows by a row, this pads `v` with zeros too.
-//!
-//! They carry the inverse `P = (Σaaᵀ)⁻¹`, from which each sample subtracts; its errors add up. Here its triangular
-//! factor is carried instead, `ΛΛᵀ = Σvvᵀ`, and each sample is rotated into it (Givens rotations): same result, no
-//! subtraction, and a new coordinate is just a row of zeros before the rotation.
-//!
 //! # Reference
 //! Engel, Mannor & Meir, *The kernel recursive least-squares algorithm*, IEEE Trans. Signal Processing 52(8), 2004;
 //! Golub & Van Loan, *Matrix Computations*, 2013, §6.5.3 (adding rows to a QR factorisation).
@@ -25,6 +15,16 @@ use crate::dictionary::{Ald, Dictionary, Parameters, Selection, Thinning};
 use crate::kernel::{KernelError, Scalar, finite_norms};
 
 /// Kernel recursive least squares over a growing dictionary.
+///
+/// The dictionary decides by approximate linear dependence whether a sample becomes a support vector. The samples'
+/// Newton coordinates `v` enter a recursive least squares problem, `minimise Σ(wᵀv − t)²`, without regulariser. When a
+/// support vector is accepted, older samples count as zero in the new coordinate. That is what Engel, Mannor & Meir do:
+/// they pad the coefficients `a = K⁻¹k(x)` of older samples with zeros, and since `v = Lᵀa` with a lower triangular `L`
+/// that grows by a row, this pads `v` with zeros too.
+///
+/// They carry the inverse `P = (Σaaᵀ)⁻¹`, from which each sample subtracts; its errors add up. Here its triangular
+/// factor is carried instead, `ΛΛᵀ = Σvvᵀ`, and each sample is rotated into it (Givens rotations): same result, no
+/// subtraction, and a new coordinate is just a row of zeros before the rotation.
 ///
 /// # Example
 /// ```
@@ -65,8 +65,9 @@ impl<T: Scalar> KernelRls<T> {
     /// A function to `targets` values that is zero everywhere, over an empty dictionary.
     ///
     /// # Errors
-    /// Parameters that the dictionary refuses.
+    /// Parameters that the dictionary refuses, more targets than can be stored.
     pub fn new(parameters: Parameters, targets: usize) -> Result<Self, RegressionError> {
+        RegressionError::unless_stored("the targets of a sample", targets, 1)?;
         Ok(KernelRls {
             selection: Ald::new(parameters)?,
             samples: 0,

@@ -1,11 +1,5 @@
 //! Which regulariser, which kernel, how many support vectors: model selection by cross-validation over a grid.
 //!
-//! Ridge regression needs only sums, and sums over folds merge: the samples are looked at once, and each λ then costs
-//! one solution per fold, whose training and test errors come from the sums too. Kernel ridge regression over a
-//! dictionary is ridge regression on Newton coordinates, and the first `m` of these do not change when more support
-//! vectors follow. So per fold and kernel *one* dictionary of the largest size serves all numbers of support vectors
-//! and all λ.
-//!
 //! # Reference
 //! Thesis §2.1.4 ("the simplest model which estimates f well"); Hastie, Tibshirani & Friedman 2009, §7.10.1 (one
 //! standard error), §7.6 (effective number of parameters).
@@ -109,7 +103,7 @@ pub fn select_ridge(
     }
     let mut errors = vec![Vec::with_capacity(folds.len()); lambdas.len()];
     for (fold, test) in tests.iter().enumerate() {
-        let mut training = Sums::new(x.nrows(), t.nrows());
+        let mut training = Sums::new(x.nrows(), t.nrows())?;
         for (_, other) in tests.iter().enumerate().filter(|(index, _)| *index != fold) {
             training.merge(other)?;
         }
@@ -141,7 +135,7 @@ pub struct KernelSettings {
 pub struct KernelGrid {
     /// Kernels to choose from.
     pub kernels: Vec<Kernel>,
-    /// Numbers of support vectors to choose from. A dictionary that ν keeps smaller has as many as it has.
+    /// Numbers of support vectors to choose from, ≥ 1. A dictionary that ν keeps smaller has as many as it has.
     pub support_vectors: Vec<usize>,
     /// Regularisers to choose from.
     pub lambdas: Vec<f64>,
@@ -199,11 +193,18 @@ const BLOCK: usize = 256;
 /// Cross-validate sparse kernel ridge regression for all combinations of a grid, in the order kernel, number of support
 /// vectors, λ.
 ///
+/// Ridge regression needs only sums, and sums over folds merge: the samples are looked at once, and each λ then costs
+/// one solution per fold, whose training and test errors come from the sums too. Kernel ridge regression over a
+/// dictionary is ridge regression on Newton coordinates, and the first `m` of these do not change when more support
+/// vectors follow. So per fold and kernel *one* dictionary of the largest size serves all numbers of support vectors
+/// and all λ.
+///
 /// # Shapes
 /// `x: d × n`, `t: q × n`; the folds divide the same `n` samples.
 ///
 /// # Errors
-/// Shapes that do not fit, values that are not finite, an empty list in the grid, what the dictionary refuses.
+/// Shapes that do not fit, values that are not finite, an empty list in the grid, no support vectors, a λ that is negative
+/// or not finite, what the dictionary refuses.
 ///
 /// # Example
 /// ```
@@ -243,6 +244,9 @@ pub fn select_kernel_ridge<T: Scalar>(
     check_grid("numbers of support vectors", grid.support_vectors.len())?;
     check_grid("values of lambda", grid.lambdas.len())?;
     grid.lambdas.iter().try_for_each(|&lambda| check_lambda(lambda))?;
+    if grid.support_vectors.contains(&0) {
+        return Err(RegressionError::NoSupportVectors);
+    }
     check_samples(x.ncols(), t, folds)?;
     let largest = grid.support_vectors.iter().copied().max().unwrap_or(0);
     let mut candidates = Vec::new();
@@ -285,7 +289,7 @@ fn errors_of(training: &Sums, test: &Sums, lambda: f64, bias: Bias) -> Result<Er
 }
 
 fn sums_of(x: MatRef<'_, f64>, t: MatRef<'_, f64>, par: Par) -> Result<Sums, RegressionError> {
-    let mut sums = Sums::new(x.nrows(), t.nrows());
+    let mut sums = Sums::new(x.nrows(), t.nrows())?;
     sums.add(x, t, par)?;
     Ok(sums)
 }

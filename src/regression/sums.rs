@@ -1,10 +1,5 @@
 //! Running sums over samples: all that least squares and ridge regression need to know of them.
 //!
-//! The textbook keeps `C = Σxxᵀ` and `B = Σxtᵀ`. With a free bias, what matters is how inputs and targets vary about
-//! their means, and subtracting `n x̄x̄ᵀ` at the end loses all digits where the mean is far from zero. So the sums are
-//! kept *centred*: number, means, and `Σ(x − x̄)(x − x̄)ᵀ`, `Σ(x − x̄)(t − t̄)ᵀ`, `Σ(t − t̄)²`. Two of them merge
-//! exactly: with `δ` the difference of the means, each centred sum gains `δδᵀ·nₐn_b/(nₐ + n_b)`.
-//!
 //! # Reference
 //! Thesis §2.1.5; Chan, Golub & LeVeque 1983 (merging).
 
@@ -17,6 +12,11 @@ use super::linear::{Bias, Linear};
 
 /// Running sums over samples of `p` inputs and `q` targets.
 ///
+/// The textbook keeps `C = Σxxᵀ` and `B = Σxtᵀ`. With a free bias, what matters is how inputs and targets vary about
+/// their means, and subtracting `n x̄x̄ᵀ` at the end loses all digits where the mean is far from zero. So the sums are
+/// kept *centred*: number, means, and `Σ(x − x̄)(x − x̄)ᵀ`, `Σ(x − x̄)(t − t̄)ᵀ`, `Σ(t − t̄)²`. Two of them merge
+/// exactly: with `δ` the difference of the means, each centred sum gains `δδᵀ·nₐn_b/(nₐ + n_b)`.
+///
 /// Blocks of any size give the same sums up to rounding, and sums over different samples can be merged.
 ///
 /// # Example
@@ -27,9 +27,9 @@ use super::linear::{Bias, Linear};
 /// # fn main() -> Result<(), adagio::regression::RegressionError> {
 /// let x = Mat::<f64>::from_fn(2, 6, |i, j| (j * (i + 1) % 5) as f64);
 /// let t = Mat::<f64>::from_fn(1, 6, |_, j| x[(0, j)] - 3.0 * x[(1, j)] + 4.0);
-/// let mut sums = Sums::new(2, 1);
+/// let mut sums = Sums::new(2, 1)?;
 /// sums.add(x.as_ref().subcols(0, 2), t.as_ref().subcols(0, 2), Par::Seq)?;
-/// let mut rest = Sums::new(2, 1);
+/// let mut rest = Sums::new(2, 1)?;
 /// rest.add(x.as_ref().subcols(2, 4), t.as_ref().subcols(2, 4), Par::Seq)?;
 /// sums.merge(&rest)?;
 ///
@@ -64,15 +64,19 @@ pub(super) struct Normal {
 
 impl Sums {
     /// Sums over no samples of `inputs` values and `targets` values.
-    pub fn new(inputs: usize, targets: usize) -> Self {
-        Sums {
+    ///
+    /// # Errors
+    /// Sizes whose sums no memory holds.
+    pub fn new(inputs: usize, targets: usize) -> Result<Self, RegressionError> {
+        check_size(inputs, targets)?;
+        Ok(Sums {
             samples: 0,
             input_mean: Mat::zeros(inputs, 1),
             target_mean: Mat::zeros(targets, 1),
             inputs: Mat::zeros(inputs, inputs),
             cross: Mat::zeros(inputs, targets),
             targets: 0.0,
-        }
+        })
     }
 
     /// Number of samples `n`.
@@ -164,11 +168,16 @@ impl Sums {
 
     /// Make room for inputs `inputs() .. p` that count as zero in all samples so far: what a growing dictionary needs.
     /// Never shrinks.
-    pub fn widen(&mut self, p: usize) {
+    ///
+    /// # Errors
+    /// A size whose sums no memory holds; nothing is changed then.
+    pub fn widen(&mut self, p: usize) -> Result<(), RegressionError> {
         let p = p.max(self.inputs());
+        check_size(p, self.targets())?;
         self.input_mean.resize_with(p, 1, |_, _| 0.0);
         self.inputs.resize_with(p, p, |_, _| 0.0);
         self.cross.resize_with(p, self.targets(), |_, _| 0.0);
+        Ok(())
     }
 
     /// The sums over the first `p` inputs only (all of them, if there are fewer): those of the first `p` support
@@ -257,6 +266,11 @@ pub(super) fn check_finite(what: &'static str, matrix: MatRef<'_, f64>) -> Resul
         Some(index) => Err(RegressionError::NotFinite { what, index }),
         None => Ok(()),
     }
+}
+
+fn check_size(inputs: usize, targets: usize) -> Result<(), RegressionError> {
+    RegressionError::unless_stored("a sum of targets", targets, 1)?;
+    RegressionError::unless_stored("a sum of products", inputs, inputs.max(targets))
 }
 
 /// Mean of the columns, and the columns minus it.

@@ -1,13 +1,5 @@
 //! How well a function predicts samples that it was not fitted to.
 //!
-//! A function that explains its training samples well may have learned their noise. So some samples are withheld: if
-//! the error on them (*test error*) is much larger than the error on the others (*training error*), the function is
-//! over-fitting.
-//!
-//! *Cross-validation* divides the samples into folds, and withholds one after the other. Samples of a time series
-//! resemble their neighbours in time; if neighbours end up on both sides, the test error is too small. Such series are
-//! divided into contiguous blocks.
-//!
 //! # Reference
 //! Thesis §2.1.4; Hastie, Tibshirani & Friedman 2009, §7.10.
 
@@ -17,6 +9,14 @@ use super::error::RegressionError;
 use crate::random::stream;
 
 /// A division of samples into folds of almost equal size: every sample is in exactly one.
+///
+/// A function that explains its training samples well may have learned their noise. So some samples are withheld: if
+/// the error on them (*test error*) is much larger than the error on the others (*training error*), the function is
+/// over-fitting.
+///
+/// *Cross-validation* divides the samples into folds, and withholds one after the other. Samples of a time series
+/// resemble their neighbours in time; if neighbours end up on both sides, the test error is too small. Such series are
+/// divided into contiguous blocks.
 ///
 /// # Example
 /// ```
@@ -37,16 +37,18 @@ impl Folds {
     /// Blocks of consecutive samples: for time series.
     ///
     /// # Errors
-    /// Fewer than two folds, or more folds than samples.
+    /// Fewer than two folds, more folds than samples, more samples than can be stored.
     pub fn contiguous(samples: usize, folds: usize) -> Result<Self, RegressionError> {
+        RegressionError::unless_stored("a list of samples", samples, 1)?;
         Self::of((0..samples).collect(), folds)
     }
 
     /// Samples in a random order: for samples that are independent of each other.
     ///
     /// # Errors
-    /// Fewer than two folds, or more folds than samples.
+    /// As [`Folds::contiguous`].
     pub fn shuffled(samples: usize, folds: usize, seed: u64) -> Result<Self, RegressionError> {
+        RegressionError::unless_stored("a list of samples", samples, 1)?;
         Self::of(shuffled(samples, seed), folds)
     }
 
@@ -55,8 +57,8 @@ impl Folds {
         if folds < 2 || folds > samples {
             return Err(RegressionError::Folds { folds, samples });
         }
-        // Fold k begins at ⌊k·samples/folds⌋; in u128, so that no number of samples overflows.
-        let begin = |k: usize| (k as u128 * samples as u128 / folds as u128) as usize;
+        // Fold k begins at ⌊k·samples/folds⌋. The product of two numbers of samples fits: there are at most 2³⁰.
+        let begin = |k: usize| (k as u64 * samples as u64 / folds as u64) as usize;
         let tests = (0..folds).map(|k| {
             let mut test = order[begin(k)..begin(k + 1)].to_vec();
             test.sort_unstable();
@@ -100,7 +102,7 @@ impl Folds {
 /// random samples.
 ///
 /// # Errors
-/// A share outside (0, 1), or one that leaves no sample on either side.
+/// A share outside (0, 1), or one that leaves no sample on either side; more samples than can be stored.
 ///
 /// # Example
 /// ```
@@ -110,6 +112,7 @@ impl Folds {
 /// # Ok::<(), adagio::regression::RegressionError>(())
 /// ```
 pub fn hold_out(samples: usize, share: f64, seed: Option<u64>) -> Result<(Vec<usize>, Vec<usize>), RegressionError> {
+    RegressionError::unless_stored("a list of samples", samples, 1)?;
     let withheld = (samples as f64 * share).round();
     if !(share > 0.0 && share < 1.0 && withheld >= 1.0 && withheld < samples as f64) {
         return Err(RegressionError::Share { share, samples });

@@ -1,17 +1,4 @@
 //! Expanded slow feature analysis: linear SFA after a nonlinear expansion, as a pipeline of stages.
-//!
-//! A [`Step`] says what to do; [`Pipeline::fit`] does it stage by stage on a signal and keeps each fitted [`Stage`]. The
-//! usual chain, also that of each node of a hierarchy (Franzius 2007), is
-//!
-//! ```text
-//!   x ──▶ PCA or SFA (fewer values) ──▶ monomials up to degree 2 or 3 ──▶ SFA ──▶ clip at ±4
-//! ```
-//!
-//! The number of monomials grows quickly (`d = 50`: 1 325 of degree ≤ 2, 23 425 of degree ≤ 3), hence the reduction first.
-//! Monomials of extreme inputs take extreme values on frames unlike those of the training, hence the clipping last.
-//!
-//! # Reference
-//! Thesis §4.3.2 (`sec:SFA_expanded`); Wiskott & Sejnowski 2002; Berkes & Wiskott 2005; Franzius et al. 2007.
 
 use faer::{Mat, MatRef};
 
@@ -129,9 +116,10 @@ impl Pca {
     /// Components of frames: `x: d × n` gives `r × n`.
     ///
     /// # Errors
-    /// Frames of another length.
+    /// Frames of another length, a projection and a mean that do not fit each other.
     pub fn apply(&self, x: MatRef<'_, f64>) -> Result<Mat<f64>, SlowError> {
         SlowError::unless_fits("a frame's number of values", x.nrows(), self.mean.len())?;
+        SlowError::unless_fits("the number of rows of the projection", self.projection.nrows(), self.mean.len())?;
         let centred = Mat::from_fn(x.nrows(), x.ncols(), |i, t| x[(i, t)] - self.mean[i]);
         Ok(self.projection.transpose() * centred)
     }
@@ -252,26 +240,38 @@ impl Stage {
             Step::Pca { keep, whiten } => Ok(Stage::Pca(Pca::fit(x, keep, whiten)?)),
             Step::Expand(expansion) => Ok(Stage::Expand(expansion)),
             Step::Sfa { features, lambda } => Ok(Stage::Sfa(LinearSfa::fit(x, links, features, lambda)?)),
-            Step::Clip(limit) if limit > 0.0 && limit.is_finite() => Ok(Stage::Clip(limit)),
-            Step::Clip(limit) => Err(SlowError::Clip(limit)),
+            Step::Clip(limit) => Ok(Stage::Clip(limit)),
         }
     }
 
     /// Outputs of the stage for frames `x`, one a column.
     ///
     /// # Errors
-    /// Frames of another length than in training.
+    /// Frames of another length than in training, a limit for clipping that is not positive or not finite.
     pub fn apply(&self, x: MatRef<'_, f64>) -> Result<Mat<f64>, SlowError> {
         match self {
             Stage::Pca(pca) => pca.apply(x),
             Stage::Expand(expansion) => expansion.apply(x),
             Stage::Sfa(sfa) => sfa.apply(x),
-            Stage::Clip(limit) => Ok(Mat::from_fn(x.nrows(), x.ncols(), |i, t| x[(i, t)].clamp(-limit, *limit))),
+            &Stage::Clip(limit) if limit > 0.0 && limit.is_finite() => {
+                Ok(Mat::from_fn(x.nrows(), x.ncols(), |i, t| x[(i, t)].clamp(-limit, limit)))
+            }
+            &Stage::Clip(limit) => Err(SlowError::Clip(limit)),
         }
     }
 }
 
 /// Fitted stages, one after the other.
+///
+/// A [`Step`] says what to do; [`Pipeline::fit`] does it stage by stage on a signal and keeps each fitted [`Stage`]. The
+/// usual chain, also that of each node of a [`Network`](super::Network), is
+///
+/// ```text
+///   x ──▶ PCA or SFA (fewer values) ──▶ monomials up to degree 2 or 3 ──▶ SFA ──▶ clip at ±4
+/// ```
+///
+/// The number of monomials grows quickly (`d = 50`: 1 325 of degree ≤ 2, 23 425 of degree ≤ 3), hence the reduction first.
+/// Monomials of extreme inputs take extreme values on frames unlike those of the training, hence the clipping last.
 ///
 /// The signal of Wiskott & Sejnowski (2002) hides a sine that no linear function finds:
 ///
@@ -294,6 +294,9 @@ impl Stage {
 /// # Ok(())
 /// # }
 /// ```
+///
+/// # Reference
+/// Thesis §4.3.2 (`sec:SFA_expanded`); Wiskott & Sejnowski 2002; Berkes & Wiskott 2005; Franzius et al. 2007.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Pipeline {
     inputs: usize,

@@ -1,28 +1,4 @@
 //! Hierarchical slow feature analysis: small pipelines on overlapping receptive fields, layer upon layer.
-//!
-//! An image has too many values for one expansion. A layer cuts it into fields, each field feeds a node of its own (or the
-//! same node everywhere), and what the nodes say is the image of the next layer, with the node's outputs as channels:
-//!
-//! ```text
-//!   frame 10 × 6, 3 channels          layer 1: field 4 × 4, stride 3 × 2       layer 2: field 3 × 2
-//!   ┌───────────────────┐
-//!   │┌─────┐            │             node(0,0) node(1,0) node(2,0)            ┌──────────┐
-//!   ││field│··· + 3 ··▶ │   ──▶       node(0,1) node(1,1) node(2,1)    ──▶     │ one node │ ──▶ outputs
-//!   │└─────┘            │             = an image 3 × 2 with                    └──────────┘
-//!   │   ⋮ + 2           │               as many channels as outputs
-//!   └───────────────────┘
-//!      inside of a node:  field ─▶ linear SFA ─▶ monomials ─▶ SFA ─▶ clip at ±4
-//! ```
-//!
-//! Layout: a frame is a column; the value of channel `c` at column `i`, row `j` of the image stands at
-//! `(j·width + i)·channels + c`. Fields, and the nodes of a layer, are laid out in the same way.
-//!
-//! Layers are trained one after the other, each on the outputs of those below it. With shared weights one node is trained on
-//! the fields of all places, one place after the other, and used at each of them. What is at the same place in all frames
-//! then is not known to it, and its outputs have variance 1 over all places together, not at each.
-//!
-//! # Reference
-//! Thesis §4.2.3 (`sec:sfa_place_cells`); Franzius, Sprekeler & Wiskott 2007.
 
 use faer::{Mat, MatRef};
 
@@ -197,6 +173,27 @@ fn rows_of(x: MatRef<'_, f64>, rows: &[usize]) -> Mat<f64> {
 
 /// A trained hierarchy.
 ///
+/// An image has too many values for one expansion. A layer cuts it into fields, each field feeds a node of its own (or the
+/// same node everywhere), and what the nodes say is the image of the next layer, with the node's outputs as channels:
+///
+/// ```text
+///   frame 10 × 6, 3 channels          layer 1: field 4 × 4, stride 3 × 2       layer 2: field 3 × 2
+///   ┌───────────────────┐
+///   │┌─────┐            │             node(0,0) node(1,0) node(2,0)            ┌──────────┐
+///   ││field│··· + 3 ··▶ │   ──▶       node(0,1) node(1,1) node(2,1)    ──▶     │ one node │ ──▶ outputs
+///   │└─────┘            │             = an image 3 × 2 with                    └──────────┘
+///   │   ⋮ + 2           │               as many channels as outputs
+///   └───────────────────┘
+///      inside of a node:  field ─▶ linear SFA ─▶ monomials ─▶ SFA ─▶ clip at ±4
+/// ```
+///
+/// Layout: a frame is a column; the value of channel `c` at column `i`, row `j` of the image stands at
+/// `(j·width + i)·channels + c`. Fields, and the nodes of a layer, are laid out in the same way.
+///
+/// Layers are trained one after the other, each on the outputs of those below it. With shared weights one node is trained on
+/// the fields of all places, one place after the other, and used at each of them. What is at the same place in all frames
+/// then is not known to it, and its outputs have variance 1 over all places together, not at each.
+///
 /// ```
 /// use adagio::slow::{Layer, Link, Network, Shape};
 /// use faer::Mat;
@@ -212,6 +209,9 @@ fn rows_of(x: MatRef<'_, f64>, rows: &[usize]) -> Mat<f64> {
 /// # Ok(())
 /// # }
 /// ```
+///
+/// # Reference
+/// Thesis §4.2.3 (`sec:sfa_place_cells`); Franzius, Sprekeler & Wiskott 2007.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Network {
     shape: Shape,
@@ -222,10 +222,10 @@ impl Network {
     /// Train a hierarchy, layer by layer.
     ///
     /// # Shapes
-    /// `x: (width · height · channels) × n`, in the layout above; `links: n`.
+    /// `x: (width · height · channels) × n`, in the layout of [`Network`]; `links: n`.
     ///
     /// # Errors
-    /// Frames of another shape, no layer, fields that do not tile their input, and what a node refuses; with the numbers of
+    /// Frames of another shape or of no values, no layer, fields that do not tile their input, and what a node refuses; with the numbers of
     /// layer and step (from 1) and the column and row of the node (from 0).
     pub fn train(
         shape: Shape,
@@ -235,6 +235,9 @@ impl Network {
     ) -> Result<Network, SlowError> {
         SlowError::unless_fits("a frame's number of values", x.nrows(), shape.values())?;
         SlowError::unless_fits("the list of links", links.len(), x.ncols())?;
+        if shape.values() == 0 {
+            return Err(SlowError::Empty("the shape of a frame is"));
+        }
         if layers.is_empty() {
             return Err(SlowError::Empty("the list of layers is"));
         }

@@ -174,10 +174,13 @@ impl IndependentComponents {
     /// Components of inputs: `x: d × n` gives `k × n`.
     ///
     /// # Errors
-    /// Inputs of another length.
+    /// Inputs of another length; an unmixing matrix and a mean that do not fit each other.
     pub fn apply(&self, x: MatRef<'_, f64>) -> Result<Mat<f64>, IcaError> {
         if x.nrows() != self.mean.len() {
             return Err(IcaError::Inputs { found: x.nrows(), expected: self.mean.len() });
+        }
+        if self.unmixing.ncols() != self.mean.len() {
+            return Err(IcaError::Inputs { found: self.mean.len(), expected: self.unmixing.ncols() });
         }
         let centred = Mat::from_fn(x.nrows(), x.ncols(), |i, t| x[(i, t)] - self.mean[i]);
         Ok(&self.unmixing * centred)
@@ -340,7 +343,8 @@ fn deflation(z: &Mat<f64>, start: Mat<f64>, options: Options) -> Result<(Mat<f64
                 break;
             }
         }
-        if change > options.tolerance {
+        // Not a number is no rest either.
+        if change.is_nan() || change > options.tolerance {
             let (iterations, tolerance) = (options.most_iterations, options.tolerance);
             return Err(IcaError::NotConverged { component: i, change, iterations, tolerance });
         }

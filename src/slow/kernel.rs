@@ -1,27 +1,4 @@
 //! Kernel slow feature analysis on kernel matrices: exact, and with the projected process.
-//!
-//! Symbols: training observations `x⁽¹⁾ … x⁽ⁿ⁾`; support vectors `s₁ … s_m`, a subset of them or all; kernel matrix of the
-//! support vectors `K: m × m`; kernel rows `K̂: m × n`, whose column t is `k̂(x⁽ᵗ⁾) = [k(s₁, x⁽ᵗ⁾) … k(s_m, x⁽ᵗ⁾)]`; its
-//! derivative `K̇: m × l`. A feature is `φ(x) = αᵀk̂(x) − c`, with norm² `αᵀKα` in the kernel's Hilbert space.
-//!
-//! - **Exact** ([`KernelSfa::exact`]): all training observations are support vectors. The centred kernel matrix
-//!   `K_c = HKH = VΛVᵀ`, `H = I − 11ᵀ/n`, gives the coordinates `Λ^{1/2}Vᵀ` of the training frames in feature space, and
-//!   linear SFA on them is the solution. O(n³): this is the reference, and for small n.
-//! - **Projected process** ([`KernelSfa::projected`]): features in the span of the support vectors. This *is* linear SFA on
-//!   `k̂(x)`; with λ it minimises `αᵀ(K̇K̇ᵀ/l + λK)α`, which is regularised sparse kernel SFA. O(m²n). A
-//!   [`SlowStream`](super::SlowStream) does the same in the Newton basis `v = L⁻¹k̂`, frame by frame.
-//!
-//! Without λ a kernel whose matrix has full rank fits any sequence: the outputs then are the discrete cosines of time
-//! whatever was observed. With many support vectors λ is therefore needed (Böhmer et al., ECML 2011).
-//!
-//! # Errata of the thesis (§4.3.3, `alg_kernelSFA`)
-//! 1. The listing centres the m×m matrix `K̂K̂ᵀ` with the n×n operator `H`. Right is `K̂K̂ᵀ/n − k̄k̄ᵀ` with `k̄` the mean row.
-//! 2. It names the eigenvectors `V_r` and then uses `U_r`.
-//! 3. Its `S = Λ_r^{−1/2}V_rᵀ` comes from the matrix that is not divided by n: the outputs have variance 1/n, not 1.
-//! 4. In the text, `S = n^{−1/2}Λ_r⁻¹V_rᵀΨᵀ` gives the variance 1/n²: the factor must be `n^{1/2}`. The slowness matrix with
-//!    `1/(n(n − 1))` follows from that slip and must have `n/(n − 1)`; the order of the features is not affected.
-//! 5. `A` is printed with `Ũ_kᵀ`; the shapes ask for `Ũ_k`.
-//! 6. The square root of the eigenvalues of `K̂K̂ᵀ` that the text takes is not needed: whitening `k̂(x)` uses its covariance.
 
 use faer::{Mat, MatRef, Par};
 
@@ -37,6 +14,29 @@ use crate::kernel::{Kernel, Scalar, squared_norms};
 const GRAM_ERROR: f64 = 1e-4;
 
 /// Slow features over support vectors, in terms of kernel values alone.
+///
+/// Symbols: training observations `x⁽¹⁾ … x⁽ⁿ⁾`; support vectors `s₁ … s_m`, a subset of them or all; kernel matrix of the
+/// support vectors `K: m × m`; kernel rows `K̂: m × n`, whose column t is `k̂(x⁽ᵗ⁾) = [k(s₁, x⁽ᵗ⁾) … k(s_m, x⁽ᵗ⁾)]`; its
+/// derivative `K̇: m × l`. A feature is `φ(x) = αᵀk̂(x) − c`, with norm² `αᵀKα` in the kernel's Hilbert space.
+///
+/// - **Exact** ([`KernelSfa::exact`]): all training observations are support vectors. The centred kernel matrix
+///   `K_c = HKH = VΛVᵀ`, `H = I − 11ᵀ/n`, gives the coordinates `Λ^{1/2}Vᵀ` of the training frames in feature space, and
+///   linear SFA on them is the solution. O(n³): this is the reference, and for small n.
+/// - **Projected process** ([`KernelSfa::projected`]): features in the span of the support vectors. This *is* linear SFA on
+///   `k̂(x)`; with λ it minimises `αᵀ(K̇K̇ᵀ/l + λK)α`, which is regularised sparse kernel SFA. O(m²n). A
+///   [`SlowStream`](super::SlowStream) does the same in the Newton basis `v = L⁻¹k̂`, frame by frame.
+///
+/// Without λ a kernel whose matrix has full rank fits any sequence: the outputs then are the discrete cosines of time
+/// whatever was observed. With many support vectors λ is therefore needed (Böhmer et al., ECML 2011).
+///
+/// # Errata of the thesis (§4.3.3, `alg_kernelSFA`)
+/// 1. The listing centres the m×m matrix `K̂K̂ᵀ` with the n×n operator `H`. Right is `K̂K̂ᵀ/n − k̄k̄ᵀ` with `k̄` the mean row.
+/// 2. It names the eigenvectors `V_r` and then uses `U_r`.
+/// 3. Its `S = Λ_r^{−1/2}V_rᵀ` comes from the matrix that is not divided by n: the outputs have variance 1/n, not 1.
+/// 4. In the text, `S = n^{−1/2}Λ_r⁻¹V_rᵀΨᵀ` gives the variance 1/n²: the factor must be `n^{1/2}`. The slowness matrix with
+///    `1/(n(n − 1))` follows from that slip and must have `n/(n − 1)`; the order of the features is not affected.
+/// 5. `A` is printed with `Ũ_kᵀ`; the shapes ask for `Ũ_k`.
+/// 6. The square root of the eigenvalues of `K̂K̂ᵀ` that the text takes is not needed: whitening `k̂(x)` uses its covariance.
 ///
 /// ```
 /// use adagio::slow::{KernelSfa, Link};
@@ -136,7 +136,7 @@ impl KernelSfa {
     /// `x: d × n`, `links: n`.
     ///
     /// # Errors
-    /// Those of [`KernelSfa::exact`].
+    /// Those of [`KernelSfa::exact`] and of the kernel.
     pub fn model<T: Scalar>(
         kernel: Kernel,
         x: MatRef<'_, T>,
@@ -153,9 +153,10 @@ impl KernelSfa {
     /// Features from kernel values `k̂(x)`: `rows: m × n` gives `k × n`.
     ///
     /// # Errors
-    /// Rows of another number of support vectors.
+    /// Rows of another number of support vectors, an offset of another length than the features.
     pub fn apply(&self, rows: MatRef<'_, f64>) -> Result<Mat<f64>, SlowError> {
         SlowError::unless_fits("the number of kernel values", rows.nrows(), self.projection.nrows())?;
+        SlowError::unless_fits("the length of c", self.offset.len(), self.projection.ncols())?;
         let mut y = self.projection.transpose() * rows;
         for t in 0..y.ncols() {
             for (value, offset) in y.col_mut(t).iter_mut().zip(&self.offset) {

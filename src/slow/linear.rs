@@ -1,27 +1,27 @@
 //! Linear slow feature analysis: affine functions `y(x) = Wᵀ(x − x̄)` of a signal that vary as slowly as possible.
-//!
-//! Symbols: signal `x: d × n`, one frame a column; mean `x̄`; weights `W: d × k`; regulariser λ; slowness
-//! `Δ_i = ⟨ẏ_i²⟩`, the weighted mean over all frames that have a [`Link`]. The outputs have mean 0, variance 1 and
-//! covariance 0 on the training frames, and Δ ascends.
-//!
-//! **Lags.** With a lag τ the derivative is `(x_t − x_{t−τ})/(time between the two)`. For regular sampling that finds what
-//! correlates most with itself τ frames later, which is time-lagged independent component analysis (tICA) with a symmetric
-//! estimate: `Δ·(τ dt)² = 2(1 − autocorrelation at τ)` up to the ends of the series. With several lags their slownesses are
-//! averaged, each lag with the same weight.
-//!
-//! **Precision.** The signal is centred before it is squared, and the outputs are made uncorrelated once more on the signal
-//! itself, so the constraints hold to about 1e-12 whatever the means and scales of the channels.
-//!
-//! For signals that do not fit into memory, [`LinearStream`] keeps the sums alone.
 
 use faer::{Mat, MatRef, Par};
 
 use super::links::{Link, check_links, lagged};
-use super::moments::Moments;
+use super::moments::{Moments, rates};
 use super::reveal::decorrelated;
 use super::solve::{SlowError, SlowFeatures, solve, sort_columns};
 
 /// The slowest affine functions of a signal.
+///
+/// Symbols: signal `x: d × n`, one frame a column; mean `x̄`; weights `W: d × k`; regulariser λ; slowness
+/// `Δ_i = ⟨ẏ_i²⟩`, the weighted mean over all frames that have a [`Link`]. The outputs have mean 0, variance 1 and
+/// covariance 0 on the training frames, and Δ ascends.
+///
+/// **Lags.** With a lag τ the derivative is `(x_t − x_{t−τ})/(time between the two)`. For regular sampling that finds what
+/// correlates most with itself τ frames later, which is time-lagged independent component analysis (tICA) with a symmetric
+/// estimate: `Δ·(τ dt)² = 2(1 − autocorrelation at τ)` up to the ends of the series. With several lags their slownesses are
+/// averaged, each lag with the same weight.
+///
+/// **Precision.** The signal is centred before it is squared, and the outputs are made uncorrelated once more on the signal
+/// itself, so the constraints hold to about 1e-12 whatever the means and scales of the channels.
+///
+/// For signals that do not fit into memory, [`LinearStream`] keeps the sums alone.
 ///
 /// ```
 /// use adagio::slow::{LinearSfa, Link};
@@ -128,16 +128,18 @@ impl LinearSfa {
 
     /// The offset `c = Wᵀx̄` of the form `y(x) = Wᵀx − c`, `k`.
     pub fn offset(&self) -> Vec<f64> {
-        let product = |j| self.mean.iter().enumerate().map(|(i, mean)| self.weights[(i, j)] * mean).sum();
+        let product = |j| self.weights.col(j).iter().zip(&self.mean).map(|(weight, mean)| weight * mean).sum();
         (0..self.outputs()).map(product).collect()
     }
 
     /// Outputs of frames: `x: d × n` gives `k × n`.
     ///
     /// # Errors
-    /// Frames of another length. Values that are not finite give outputs that are not.
+    /// Frames of another length, weights and a mean that do not fit each other. Values that are not finite give outputs
+    /// that are not.
     pub fn apply(&self, x: MatRef<'_, f64>) -> Result<Mat<f64>, SlowError> {
         SlowError::unless_fits("a frame's number of values", x.nrows(), self.inputs())?;
+        SlowError::unless_fits("the number of rows of W", self.weights.nrows(), self.inputs())?;
         let centred = Mat::from_fn(x.nrows(), x.ncols(), |i, t| x[(i, t)] - self.mean[i]);
         Ok(self.weights.transpose() * centred)
     }
@@ -224,7 +226,8 @@ impl LinearStream {
     /// `x: d × b`, `links: b`.
     ///
     /// # Errors
-    /// Shapes that do not fit, values that are not finite, impossible links; nothing is changed then.
+    /// Shapes that do not fit, impossible links, values that are not finite, or whose squares or squared derivatives are not;
+    /// nothing is changed then.
     pub fn push(&mut self, x: MatRef<'_, f64>, links: &[Option<Link>]) -> Result<(), SlowError> {
         SlowError::unless_finite("the signal is", x)?;
         SlowError::unless_fits("the list of links", links.len(), x.ncols())?;
@@ -234,14 +237,25 @@ impl LinearStream {
         }
         let first = self.last.ncols() == 0;
         let mut links = links.to_vec();
-        if first {
-            self.moments.widen(x.nrows())?;
-            self.origin = (0..x.nrows()).map(|i| x[(i, 0)]).collect();
+        let origin = if first {
             links[0] = None;
+            (0..x.nrows()).map(|i| x[(i, 0)]).collect()
+        } else {
+            self.origin.clone()
+        };
+        SlowError::unless_fits("a frame's number of values", x.nrows(), origin.len())?;
+        let moved = Mat::from_fn(x.nrows(), x.ncols(), |i, t| x[(i, t)] - origin[i]);
+        let (rates, weight) = rates(moved.as_ref(), &links, (!first).then_some(self.last.as_ref()))?;
+        // What is in the sums once stays there: a square that is not finite would spoil all that comes.
+        for (what, matrix) in [("the squares of the signal are", &moved), ("the squares of its derivative are", &rates)]
+        {
+            if !matrix.squared_norm_l2().is_finite() {
+                return Err(SlowError::NotFinite(what));
+            }
         }
-        SlowError::unless_fits("a frame's number of values", x.nrows(), self.origin.len())?;
-        let moved = Mat::from_fn(x.nrows(), x.ncols(), |i, t| x[(i, t)] - self.origin[i]);
-        self.moments.add_series(moved.as_ref(), &links, (!first).then_some(self.last.as_ref()))?;
+        self.moments.widen(x.nrows())?;
+        self.moments.add(moved.as_ref(), rates.as_ref(), weight)?;
+        self.origin = origin;
         self.last = moved.subcols(x.ncols() - 1, 1).to_owned();
         Ok(())
     }

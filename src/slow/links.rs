@@ -1,12 +1,15 @@
 //! How the frames of a signal follow each other: regular sampling, time stamps, gaps, restarts.
-//!
-//! A slow feature is judged by its derivative `ẏ = (y_t − y_{t−1})/Δt`. Each frame carries a [`Link`] to the frame before
-//! it, or `None` where it follows no other: at the very start, after a gap, a restart or a teleport. No derivative is
-//! taken there, so a jump costs nothing.
 
 use super::solve::SlowError;
 
+/// The most links that are made at once: they take 24 GiB, and the frames themselves much more.
+const MOST_LINKS: usize = 1 << 30;
+
 /// How a frame follows the one before it.
+///
+/// A slow feature is judged by its derivative `ẏ = (y_t − y_{t−1})/Δt`. Each frame carries a [`Link`] to the frame before
+/// it, or `None` where it follows no other: at the very start, after a gap, a restart or a teleport. No derivative is
+/// taken there, so a jump costs nothing.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Link {
     /// Time since the frame before it, in seconds (or any unit, kept throughout); > 0.
@@ -19,7 +22,7 @@ impl Link {
     /// Links of `n` frames sampled without a gap, one every `dt`.
     ///
     /// # Errors
-    /// `dt` not positive or not finite.
+    /// `dt` not positive or not finite, more than 2³⁰ frames.
     ///
     /// ```
     /// # fn main() -> Result<(), adagio::slow::SlowError> {
@@ -36,10 +39,14 @@ impl Link {
     /// Links of several sequences one after the other, each sampled every `dt`; none of them follows another.
     ///
     /// # Errors
-    /// `dt` not positive or not finite.
+    /// `dt` not positive or not finite, more than 2³⁰ frames.
     pub fn sequences(lengths: &[usize], dt: f64) -> Result<Vec<Option<Link>>, SlowError> {
         let link = Link { dt, weight: 1.0 };
         check_links(&[Some(link)])?;
+        let frames = lengths.iter().fold(0usize, |sum, &n| sum.saturating_add(n));
+        if frames > MOST_LINKS {
+            return Err(SlowError::TooMany { what: "links", asked: frames, most: MOST_LINKS });
+        }
         Ok(lengths.iter().flat_map(|&n| (0..n).map(move |t| (t > 0).then_some(link))).collect())
     }
 

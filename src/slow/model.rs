@@ -30,9 +30,11 @@ impl<T: Scalar> SlowModel<T> {
     /// The runtime form of features that were solved over `dictionary`.
     ///
     /// # Errors
-    /// Features with another number of coordinates than the dictionary has support vectors.
+    /// Features (weights or mean) with another number of coordinates than the dictionary has support vectors.
     pub fn new(dictionary: &Dictionary<T>, features: &SlowFeatures) -> Result<Self, SlowError> {
         SlowError::unless_fits("the number of coordinates", features.weights.nrows(), dictionary.len())?;
+        SlowError::unless_fits("the number of mean coordinates", features.mean.nrows(), dictionary.len())?;
+        SlowError::unless_fits("the number of means", features.mean.ncols(), 1)?;
         let mut projection = features.weights.clone();
         solve_upper_triangular_in_place(dictionary.factor().transpose(), projection.as_mut(), Par::Seq);
         let centre = features.weights.transpose() * &features.mean;
@@ -59,11 +61,17 @@ impl<T: Scalar> SlowModel<T> {
         offset: Vec<f64>,
         slowness: Vec<f64>,
     ) -> Result<Self, SlowError> {
-        SlowError::unless_fits("the number of rows of A", projection.nrows(), members.ncols())?;
-        SlowError::unless_fits("the length of c", offset.len(), projection.ncols())?;
         SlowError::unless_fits("the length of the slowness", slowness.len(), projection.ncols())?;
         let norms = squared_norms(members.as_ref());
-        Ok(SlowModel { kernel, members: Arc::new(members), projection, offset, slowness, norms })
+        let model = SlowModel { kernel, members: Arc::new(members), projection, offset, slowness, norms };
+        model.check()?;
+        Ok(model)
+    }
+
+    /// Refuse parts that do not fit each other: all but the norms can be exchanged from outside.
+    fn check(&self) -> Result<(), SlowError> {
+        SlowError::unless_fits("the number of rows of A", self.projection.nrows(), self.members.ncols())?;
+        SlowError::unless_fits("the length of c", self.offset.len(), self.projection.ncols())
     }
 
     /// The features as a space to judge observations in, for [`FeatureAld`](crate::dictionary::FeatureAld).
@@ -98,6 +106,7 @@ impl<T: Scalar> SlowModel<T> {
     /// # Errors
     /// Rows of another number of support vectors.
     pub fn apply_to_rows(&self, rows: MatRef<'_, f64>, par: Par) -> Result<Mat<f64>, SlowError> {
+        self.check()?;
         SlowError::unless_fits("the number of kernel values", rows.nrows(), self.members.ncols())?;
         let k = self.offset.len();
         let mut phi = Mat::from_fn(k + 1, rows.ncols(), |i, _| if i == 0 { 1.0 } else { -self.offset[i - 1] });

@@ -1,8 +1,4 @@
 //! Running sums over Newton coordinates, from which slow features are solved.
-//!
-//! `n`, `Σv`, `Σvvᵀ` and `Σ g·v̇v̇ᵀ` are kept in `f64`. A derivative exists only between frames that follow each other:
-//! a gap, a restart or a teleport gives none. Sums can be grown by coordinates that come later ([`Moments::grow`]), and
-//! can fade ([`Moments::fade`]) for scenes that change.
 
 use faer::linalg::matmul::triangular::{BlockStructure, matmul as triangular_matmul};
 use faer::{Accum, Mat, MatRef, Par};
@@ -11,7 +7,32 @@ use super::links::{Link, check_links};
 use super::solve::SlowError;
 use crate::dictionary::Thinning;
 
-/// The running sums over `m` coordinates.
+/// The most coordinates that are summed over: two matrices of this size squared take 64 GiB.
+pub const MOST_COORDINATES: usize = 1 << 16;
+
+/// The running sums over `m` coordinates: what [`solve()`](super::solve()) needs to know of a signal.
+///
+/// `n`, `Σv`, `Σvvᵀ` and `Σ g·v̇v̇ᵀ` are kept in `f64`. A derivative exists only between frames that follow each other:
+/// a gap, a restart or a teleport gives none. Sums can be grown by coordinates that come later ([`Moments::grow`]), and
+/// can fade ([`Moments::fade`]) for scenes that change.
+///
+/// ```
+/// use adagio::slow::{Link, Moments};
+/// use faer::{Mat, Par};
+///
+/// # fn main() -> Result<(), adagio::slow::SlowError> {
+/// let mut moments = Moments::new(Par::Seq);
+/// moments.widen(1)?;
+/// // Frames 0, 1, 3 half a second apart, then a gap, then 5 and 6.
+/// let v = Mat::from_fn(1, 5, |_, t| [0.0, 1.0, 3.0, 5.0, 6.0][t]);
+/// moments.add_series(v.as_ref(), &Link::sequences(&[3, 2], 0.5)?, None)?;
+/// assert_eq!((moments.frames(), moments.links()), (5.0, 3.0));
+/// assert_eq!(moments.mean()[(0, 0)], 3.0);
+/// assert!((moments.covariance()[(0, 0)] - (9.0 + 4.0 + 0.0 + 4.0 + 9.0) / 5.0).abs() < 1e-12);
+/// assert_eq!(moments.rate()[(0, 0)], (2f64.powi(2) + 4f64.powi(2) + 2f64.powi(2)) / 3.0);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone)]
 pub struct Moments {
     /// Weighted number of frames.
@@ -88,10 +109,13 @@ impl Moments {
     /// Make room for coordinates `size() .. m`, zero so far.
     ///
     /// # Errors
-    /// Fewer coordinates than there are.
+    /// Fewer coordinates than there are, or more than [`MOST_COORDINATES`].
     pub fn widen(&mut self, m: usize) -> Result<(), SlowError> {
         if m < self.size() {
             return Err(SlowError::Narrower { size: self.size(), asked: m });
+        }
+        if m > MOST_COORDINATES {
+            return Err(SlowError::TooMany { what: "coordinates", asked: m, most: MOST_COORDINATES });
         }
         if m > self.square.col_stride().unsigned_abs() {
             let capacity = m + m / 2 + 64;
@@ -151,13 +175,20 @@ impl Moments {
         if weight >= 0.0 && weight.is_finite() { Ok(()) } else { Err(SlowError::Weight(weight)) }
     }
 
-    /// Let all sums fade by a factor in (0, 1].
-    pub fn fade(&mut self, factor: f64) {
+    /// Let all sums fade by a factor in [0, 1].
+    ///
+    /// # Errors
+    /// A factor out of this range; nothing is changed then.
+    pub fn fade(&mut self, factor: f64) -> Result<(), SlowError> {
+        if !(0.0..=1.0).contains(&factor) {
+            return Err(SlowError::Fade(factor));
+        }
         self.frames *= factor;
         self.links *= factor;
         for matrix in [&mut self.sum, &mut self.square, &mut self.derivative] {
             *matrix *= faer::Scale(factor);
         }
+        Ok(())
     }
 
     /// Follow a dictionary that lost support vectors: the sums over the coordinates in the smaller one, exactly.
@@ -165,10 +196,10 @@ impl Moments {
     /// # Errors
     /// A thinning of another number of coordinates.
     pub fn thin(&mut self, thinning: &Thinning) -> Result<(), SlowError> {
-        let (from, before, after) = (thinning.from, thinning.before(), thinning.keep.len());
+        let (from, before, after) = (thinning.from(), thinning.before(), thinning.after());
         SlowError::unless_fits("the number of coordinates in the sums", self.size(), before)?;
         self.sum = thinning.apply(self.sum.as_ref())?;
-        let rotation = thinning.rotation.as_ref();
+        let rotation = thinning.rotation();
         for matrix in [&mut self.square, &mut self.derivative] {
             let cross = rotation * matrix.submatrix(from, 0, before - from, from);
             let corner = symmetric(before - from, |i, j| matrix[(from + i, from + j)]);
@@ -183,12 +214,12 @@ impl Moments {
         Ok(())
     }
 
-    /// Mean coordinates `v̄`, `m × 1`.
+    /// Mean coordinates `v̄`, `m × 1`; not a number without frames.
     pub fn mean(&self) -> Mat<f64> {
         &self.sum * faer::Scale(1.0 / self.frames)
     }
 
-    /// Centred covariance `C` of the coordinates (divided by n), `m × m`, both triangles.
+    /// Centred covariance `C` of the coordinates (divided by n), `m × m`, both triangles; not a number without frames.
     pub fn covariance(&self) -> Mat<f64> {
         let mean = self.mean();
         symmetric(self.size(), |i, j| self.square[(i, j)] / self.frames - mean[(i, 0)] * mean[(j, 0)])
@@ -199,7 +230,8 @@ impl Moments {
         (0..self.size()).map(|i| self.square[(i, i)] / self.frames).collect()
     }
 
-    /// Weighted mean `Ḋ` of `v̇v̇ᵀ`, `m × m`, both triangles. The difference is not centred.
+    /// Weighted mean `Ḋ` of `v̇v̇ᵀ`, `m × m`, both triangles; not a number without links. The difference is not centred: a
+    /// steady drift is motion, too.
     pub fn rate(&self) -> Mat<f64> {
         symmetric(self.size(), |i, j| self.derivative[(i, j)] / self.links)
     }

@@ -13,16 +13,28 @@
 use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
 use faer::{Mat, MatRef, Par, Side};
 
+use super::moments::Moments;
 use super::solve::{RANK_TOLERANCE, SlowError};
 
-/// A sum of `n` rounded squares is wrong by a small multiple of 2⁻⁵³ of itself; measured sums stay far below this multiple.
+/// A sum of `n` rounded squares that vary is wrong by a small multiple of 2⁻⁵³ of itself; measured sums stay far below this
+/// multiple.
 const ROUNDING: f64 = 64.0 * f64::EPSILON;
+
+/// The same for `n` equal squares. They are all rounded to the same side: sums of 0.1 are wrong by up to `0.085 n·2⁻⁵²`
+/// of themselves.
+const ROUNDING_OF_EQUALS: f64 = 0.25 * f64::EPSILON;
+
+/// What rounding may make of the variance of a coordinate that does not vary.
+pub(super) fn no_variance(moments: &Moments) -> Vec<f64> {
+    let share = ROUNDING.max(ROUNDING_OF_EQUALS * moments.frames());
+    moments.mean_squares().iter().map(|square| share * square).collect()
+}
 
 /// Weights of the `features` slowest directions, scaled to unit variance, and the number of directions with variance.
 pub(super) fn revealed(
     covariance: &Mat<f64>,
     rate: &Mat<f64>,
-    mean_squares: &[f64],
+    moments: &Moments,
     features: usize,
     lambda: f64,
 ) -> Result<(Mat<f64>, usize), SlowError> {
@@ -33,14 +45,15 @@ pub(super) fn revealed(
         _ => 1.0,
     };
     let b = |i: usize, j: usize| covariance[(i, j)] + s * rate[(i, j)];
-    let alive: Vec<usize> = (0..m).filter(|&i| b(i, i) > ROUNDING * mean_squares[i]).collect();
+    let nothing = no_variance(moments);
+    let alive: Vec<usize> = (0..m).filter(|&i| b(i, i) > nothing[i]).collect();
     let unit: Vec<f64> = alive.iter().map(|&i| 1.0 / b(i, i).sqrt()).collect();
     let scaled = |a: &dyn Fn(usize, usize) -> f64| {
         Mat::from_fn(alive.len(), alive.len(), |i, j| unit[i] * unit[j] * a(alive[i], alive[j]))
     };
     // Large means leave less of the variance: what is rounding of the squares there must not count as a direction.
-    let noise =
-        alive.iter().zip(&unit).map(|(&i, u)| ROUNDING * mean_squares[i] * u * u).fold(RANK_TOLERANCE, f64::max);
+    let squares = moments.mean_squares();
+    let noise = alive.iter().map(|&i| ROUNDING * squares[i] / b(i, i)).fold(RANK_TOLERANCE, f64::max);
     let (values, vectors) = descending(&scaled(&b))?;
     let rank = values.iter().take_while(|&&value| value > noise * values[0]).count();
     let p = Mat::from_fn(alive.len(), rank, |i, j| vectors[(i, j)] / values[j].sqrt());

@@ -1,28 +1,11 @@
 //! From moments to slow features.
-//!
-//! Minimise `wᵀ(Ḋ + λI)w` subject to `wᵀCw = 1` and `w_iᵀCw_j = 0`. There are two ways to the same answer:
-//!
-//! - **Regular** (λ > 0, `Ḋ + λI` well conditioned): with `RRᵀ = Ḋ + λI` the slowest features are the largest eigenvalues μ
-//!   of `M = R⁻¹CR⁻ᵀ`: `w = R⁻ᵀu/√μ`. This is the dense reference solver of the running agent.
-//! - **Rank-revealing** (λ = 0, or no usable factor; `reveal.rs`): redundant coordinates have directions with neither
-//!   variance nor derivative. They are found in `B = C + sḊ` and dropped, and their number is reported. The thesis's
-//!   listing removes the *zero eigenvalues of the covariance* instead; with any threshold above zero that also loses a truly
-//!   slow direction of little variance, the very thing that is looked for. In `B`, scaled to a unit diagonal, such a
-//!   direction stays.
-//!
-//! In the Newton basis `‖w‖` is the norm of the feature in the kernel's Hilbert space, so the regulariser of regularised
-//! sparse kernel SFA is this plain `λI`.
-//!
-//! Moments hold squares, so what has less than about 10⁻⁶ of the others' amplitude is lost in their rounding, and the
-//! constraints hold to about 2⁻⁵³ times the ratio of the variances. [`LinearSfa`](super::LinearSfa) has the signal itself at
-//! hand and makes them good to full precision.
 
 use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
 use faer::{Mat, MatRef, Par, Side};
 use thiserror::Error;
 
 use super::moments::Moments;
-use super::reveal::revealed;
+use super::reveal::{no_variance, revealed};
 use crate::dictionary::{DictionaryError, Thinning};
 use crate::kernel::KernelError;
 
@@ -69,6 +52,22 @@ pub enum SlowError {
     /// The sum of the weights of some derivatives.
     #[error("a weight of {0} is not allowed: it must be ≥ 0 and finite")]
     Weight(f64),
+    /// A factor by which sums fade.
+    #[error("a factor of {0} for fading is not allowed: it must be in [0, 1]")]
+    Fade(f64),
+    /// The time constant of a stream that forgets.
+    #[error("a memory of {0} frames is not allowed: it must be > 0")]
+    Memory(f64),
+    /// More than can be held.
+    #[error("{asked} {what} are asked for: allowed are at most {most}")]
+    TooMany {
+        /// What is asked for.
+        what: &'static str,
+        /// How many.
+        asked: usize,
+        /// The most that can be had.
+        most: usize,
+    },
     /// A time between frames, or a weight, that cannot be.
     #[error("frame {at} has a link with dt = {dt} and weight {weight}: dt must be > 0, the weight ≥ 0, both finite")]
     Link {
@@ -190,7 +189,9 @@ impl SlowError {
 }
 
 impl SlowFeatures {
-    /// The same features, as nearly as a dictionary can hold them that lost support vectors since.
+    /// The same features, as nearly as a dictionary can hold them that lost support vectors since: their orthogonal
+    /// projection onto the functions that are left. At a support vector that stays `wᵀv` keeps its value. The mean follows
+    /// too: the outputs keep mean 0, if the features had all coordinates.
     ///
     /// # Errors
     /// A thinning of fewer coordinates than the features have.
@@ -208,17 +209,59 @@ pub(super) const RANK_TOLERANCE: f64 = 1e-13;
 /// Features count as equally slow, and may be rotated among each other, when their slowness differs by less than this share.
 const EQUAL_SLOWNESS: f64 = 1e-3;
 
-/// The `features` slowest features, exactly: unit variance and no correlation on the training frames, slowest first.
+/// The `features` slowest features: unit variance and no correlation on the training frames, slowest first.
+///
+/// Minimise `wᵀ(Ḋ + λI)w` subject to `wᵀCw = 1` and `w_iᵀCw_j = 0`. There are two ways to the same answer:
+///
+/// - **Regular** (λ > 0, `Ḋ + λI` well conditioned): with `RRᵀ = Ḋ + λI` the slowest features are the largest eigenvalues μ
+///   of `M = R⁻¹CR⁻ᵀ`: `w = R⁻ᵀu/√μ`. This is the dense reference solver of the running agent.
+/// - **Rank-revealing** (λ = 0, or no usable factor): redundant coordinates have directions with neither
+///   variance nor derivative. They are found in `B = C + sḊ` and dropped, and their number is reported. The thesis's
+///   listing removes the *zero eigenvalues of the covariance* instead; with any threshold above zero that also loses a truly
+///   slow direction of little variance, the very thing that is looked for. In `B`, scaled to a unit diagonal, such a
+///   direction stays.
+///
+/// In the Newton basis `‖w‖` is the norm of the feature in the kernel's Hilbert space, so the regulariser of regularised
+/// sparse kernel SFA is this plain `λI`.
+///
+/// Moments hold squares, so what has less than about 10⁻⁶ of the others' amplitude is lost in their rounding, and the
+/// constraints hold to about 2⁻⁵³ times the ratio of the variances. [`LinearSfa`](super::LinearSfa) has the signal itself at
+/// hand and makes them good to full precision.
 ///
 /// `previous` is an earlier solution over the first coordinates (they do not change when a dictionary grows): signs are
 /// chosen to agree with it, and equally slow features are rotated towards it, so that features do not jump.
 ///
+/// Exactly as slow as they can be, if λ = 0. With λ > 0 `Δ + λ‖w‖²` is what is minimal.
+///
 /// # Errors
-/// See [`SlowError`].
+/// λ negative or not finite; moments of fewer than 2 frames, without links, or that are not finite; no feature, or more than
+/// the coordinates have directions with variance ([`SlowError::Features`] has their number).
+///
+/// # Example
+/// ```
+/// use adagio::slow::{Link, Moments, solve};
+/// use faer::{Mat, Par};
+///
+/// # fn main() -> Result<(), adagio::slow::SlowError> {
+/// // Two sines over whole periods, mixed.
+/// let sine = |turns: usize, t: usize| (std::f64::consts::TAU * (turns * t) as f64 / 1000.0).sin();
+/// let v = Mat::from_fn(2, 1000, |i, t| sine(3, t) + [1.0, -2.0][i] * sine(40, t));
+/// let mut moments = Moments::new(Par::Seq);
+/// moments.widen(2)?;
+/// moments.add_series(v.as_ref(), &Link::regular(1000, 0.01)?, None)?;
+///
+/// let features = solve(&moments, 2, 0.0, None)?;
+/// // The slowest is the sine of 3 turns in 10 s alone: (2·first + second)/3 of the mixtures.
+/// assert!((features.weights[(0, 0)] / features.weights[(1, 0)] - 2.0).abs() < 1e-2);
+/// let omega = std::f64::consts::TAU * 3.0 / 10.0;
+/// assert!((features.slowness[0] / (omega * omega) - 1.0).abs() < 1e-2);
+/// # Ok(())
+/// # }
+/// ```
 ///
 /// # Reference
 /// Thesis §4.3.1 (linear SFA) and §4.3.3; Böhmer et al., ECML 2011 (the regulariser). The thesis's listing of kernel SFA
-/// centres with an operator of the wrong size and scales to variance 1/n; DESIGN §2 has the corrections.
+/// centres with an operator of the wrong size and scales to variance 1/n; [`KernelSfa`](super::KernelSfa) lists its errata.
 pub fn solve(
     moments: &Moments,
     features: usize,
@@ -234,9 +277,12 @@ pub fn solve(
     let rate = moments.rate();
     SlowError::unless_finite("the covariance of the coordinates is", covariance.as_ref())?;
     SlowError::unless_finite("the covariance of the derivatives is", rate.as_ref())?;
+    if no_variance(moments).iter().enumerate().all(|(i, nothing)| covariance[(i, i)] <= *nothing) {
+        return Err(SlowError::Features { asked: features, rank: 0 });
+    }
     let (mut weights, rank) = match usable_factor(&rate, lambda) {
         Some(r) => slowest(&covariance, r.as_ref(), features)?,
-        None => revealed(&covariance, &rate, &moments.mean_squares(), features, lambda)?,
+        None => revealed(&covariance, &rate, moments, features, lambda)?,
     };
     let mut slowness = diagonal_of(weights.as_ref(), rate.as_ref());
     sort_columns(&mut weights, &mut slowness);

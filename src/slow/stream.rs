@@ -1,8 +1,4 @@
 //! The learning stream: frames in blocks → dictionary → Newton coordinates → moments.
-//!
-//! New support vectors give every retained frame new coordinates. They are filled in for whole batches of new support
-//! vectors at a time ([`SlowStream::settle`]), and the moments then equal those of a batch run over the same frames with
-//! the final dictionary. Frames that are no longer retained count as zero in coordinates that came after they left.
 
 use std::collections::VecDeque;
 
@@ -19,7 +15,8 @@ use crate::kernel::{Scalar, squared_norms};
 pub struct Options {
     /// Frames whose coordinates are kept for filling in; memory is `retained · (8 m + d · size of a value)` bytes.
     pub retained: usize,
-    /// Frames fade with this time constant, in frames; `None`: they never do.
+    /// Frames fade with this time constant, in frames, > 0; `None`: they never do. All frames of a block fade alike: after
+    /// a block of `b` frames all earlier ones weigh `exp(−b/memory_frames)` times what they did.
     pub memory_frames: Option<f64>,
     /// New support vectors are settled at the latest when this many have gathered.
     pub settle_at: usize,
@@ -45,6 +42,36 @@ struct Retained<T: Scalar> {
 
 /// Dictionary, moments and retained frames.
 ///
+/// New support vectors give every retained frame new coordinates. They are filled in for whole batches of new support
+/// vectors at a time ([`SlowStream::settle`]), and the moments then equal those of a batch run over the same frames with
+/// the final dictionary. Frames that are no longer retained count as zero in coordinates that came after they left.
+///
+/// ```
+/// use adagio::dictionary::{Ald, Parameters, WhenFull};
+/// use adagio::kernel::Kernel;
+/// use adagio::slow::{Link, SlowModel, SlowStream, StreamOptions, solve};
+/// use faer::{Mat, Par};
+///
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// // A point goes round a circle; a sensor of it that is quick is (cos 5t, sin 5t, cos t).
+/// let parameters =
+///     Parameters { kernel: Kernel::gaussian(0.7)?, nu: 1e-4, budget: 100, when_full: WhenFull::Stop, par: Par::Seq };
+/// let mut stream = SlowStream::new(Ald::new(parameters)?, StreamOptions::default())?;
+/// let frame = |i: usize, t: usize| [(0.05 * t as f64).cos(), (0.05 * t as f64).sin(), (0.01 * t as f64).cos()][i];
+/// for block in 0..40 {
+///     let x = Mat::from_fn(3, 50, |i, t| frame(i, 50 * block + t));
+///     stream.push(x.as_ref(), &[Some(Link { dt: 1.0, weight: 1.0 }); 50])?;
+/// }
+/// let features = solve(stream.settled_moments()?, 2, 1e-8, None)?;
+/// assert!(features.slowness[0] < 1.1 * 0.01f64.powi(2));
+/// // For use on new frames; the first row is the constant feature.
+/// let model = SlowModel::new(stream.dictionary(), &features)?;
+/// let phi = model.apply(Mat::from_fn(3, 5, frame).as_ref(), Par::Seq)?;
+/// assert_eq!((phi.nrows(), phi[(0, 0)]), (3, 1.0));
+/// # Ok(())
+/// # }
+/// ```
+///
 /// Any [`Selection`] that streams can fill the dictionary. Where one lets support vectors leave, coordinates and sums
 /// follow by an orthogonal projection: exactly, and without the frames themselves.
 #[derive(Debug)]
@@ -61,7 +88,8 @@ impl<T: Scalar> SlowStream<T> {
     /// A stream of frames into the dictionary of a selection, which has to be empty.
     ///
     /// # Errors
-    /// A selection that does not stream, or one that has begun already: its frames are not known here.
+    /// A selection that does not stream, or one that has begun already: its frames are not known here. A memory that is
+    /// not positive.
     pub fn new(selection: impl Selection<T> + 'static, options: Options) -> Result<Self, SlowError> {
         Self::from_boxed(Box::new(selection), options)
     }
@@ -74,6 +102,11 @@ impl<T: Scalar> SlowStream<T> {
         if !selection.is_streaming() || !selection.dictionary().is_empty() {
             let members = selection.dictionary().len();
             return Err(DictionaryError::NotForStreams { streaming: selection.is_streaming(), members }.into());
+        }
+        if let Some(memory) = options.memory_frames
+            && (memory.is_nan() || memory <= 0.0)
+        {
+            return Err(SlowError::Memory(memory));
         }
         Ok(SlowStream {
             moments: Moments::new(selection.dictionary().par()),
@@ -129,13 +162,19 @@ impl<T: Scalar> SlowStream<T> {
     /// `x: d × b`; `links: b`, `None` where a frame does not follow the one before it (the first frame of all never does).
     ///
     /// # Errors
-    /// Those of [`Dictionary::observe`], another number of links than of frames, a link with an impossible time or weight;
+    /// Those of [`Selection::observe`], another number of links than of frames, a link with an impossible time or weight;
     /// nothing is changed then.
     pub fn push(&mut self, x: MatRef<'_, T>, links: &[Option<Link>]) -> Result<Block, SlowError> {
         if x.ncols() != links.len() {
             return Err(DictionaryError::Links { found: links.len(), expected: x.ncols() }.into());
         }
         check_links(links)?;
+        // The dictionary knows the length of its members, but a stream may begin with frames of which none became one.
+        if let Some(chunk) = self.retained.back()
+            && x.nrows() != chunk.x.nrows()
+        {
+            return Err(DictionaryError::Dimension { found: x.nrows(), expected: chunk.x.nrows() }.into());
+        }
         let mut block = self.selection.observe(x)?;
         if x.ncols() == 0 {
             return Ok(block);
@@ -148,10 +187,16 @@ impl<T: Scalar> SlowStream<T> {
         }
         if let Some(tau) = self.options.memory_frames {
             let factor = (-(x.ncols() as f64) / tau).exp();
-            self.moments.fade(factor);
+            self.moments.fade(factor)?;
             self.retained.iter_mut().for_each(|chunk| chunk.weight *= factor);
         }
         let known = self.moments.size();
+        // Selections can be written by anyone: one that drops support vectors on its own cannot be followed.
+        SlowError::unless_fits("a block's number of coordinates", block.coordinates.nrows(), self.dictionary().len())?;
+        SlowError::unless_fits("a block's number of frames", block.coordinates.ncols(), x.ncols())?;
+        if block.coordinates.nrows() < known {
+            return Err(SlowError::Narrower { size: known, asked: block.coordinates.nrows() });
+        }
         let v = block.coordinates.as_ref().subrows(0, known);
         let before = self.retained.back().map(|chunk| {
             let last = chunk.v.ncols() - 1;

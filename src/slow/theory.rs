@@ -28,7 +28,7 @@
 //! and derivatives of responses whose headings differ by two turns are correlated. Fast turning keeps such pairs far apart.
 //!
 //! # Errata of the thesis
-//! - Cyclic boundary: the left side has index `i`, the right side `j`; they are the same number.
+//! - Cyclic and free boundary: the left side has index `i`, the right side `j`; they are the same number.
 //! - Three dimensions: the parity test "`i` even / odd" belongs to the number `l` of the heading, since only the heading
 //!   has sines; there `l` counts functions (1: sine, 2: cosine of one turn), so a cosine of number `l` has `l/2` turns.
 //! - The factor √2³ gives unit variance only where all three numbers are non-zero: a number 0 contributes 1, not √2.

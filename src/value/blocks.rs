@@ -1,22 +1,22 @@
 //! The least-squares system of action values, block by block.
-//!
-//! A state–action pair has one block of `f` features for each action, all zero but the one of its action (thesis §3.2.2;
-//! its definition prints the lengths of the zero blocks as multiples of `n` and `m − i`: they are `(i − 1)m` and
-//! `(k − i)m` for `m` features and `k` actions). The zeros are never built. What remains is, for each action `a`,
-//!
-//! `G_a w_a − γ Σ_b M_ab w_b = b_a`
-//!
-//! with `G_a = Σ_{i: a_i = a} ω_i φ_i φ_iᵀ`, `M_ab = Σ_{i: a_i = a} ω_i π(b | x′_i) φ_i φ′_iᵀ` and
-//! `b_a = Σ_{i: a_i = a} ω_i φ_i r_i`. Only `M` depends on the policy π, and it is linear in π.
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par, Scale};
 
 use super::ValueError;
-use super::error::{finite_list, finite_matrix, sample_weights};
+use super::error::{finite_list, finite_matrix, sample_weights, size};
 use super::lstd::solve_or_pseudo_inverse;
 
 /// States and the actions taken in them: column `i` of `phi` is what was seen before action `actions[i]`.
+///
+/// A state–action pair has one block of `f` features for each action, all zero but the one of its action (thesis §3.2.2;
+/// its definition prints the lengths of the zero blocks as multiples of `n` and `m − i`: they are `(i − 1)m` and
+/// `(k − i)m` for `m` features and `k` actions). The zeros are never built. What remains is, for each action `a`,
+///
+/// `G_a w_a − γ Σ_b M_ab w_b = b_a`
+///
+/// with `G_a = Σ_{i: a_i = a} ω_i φ_i φ_iᵀ`, `M_ab = Σ_{i: a_i = a} ω_i π(b | x′_i) φ_i φ′_iᵀ` and
+/// `b_a = Σ_{i: a_i = a} ω_i φ_i r_i`. Only `M` depends on the policy π, and it is linear in π.
 #[derive(Debug, Clone, Copy)]
 pub struct Samples<'a> {
     /// `Φ`, `f × N`.
@@ -48,6 +48,8 @@ impl Samples<'_> {
         if let Some((index, &action)) = self.actions.iter().enumerate().find(|&(_, &action)| action >= actions) {
             return Err(ValueError::Action { index, action, actions });
         }
+        let unknowns = self.phi.nrows().saturating_mul(actions);
+        size("the system of action values", unknowns, unknowns)?;
         sample_weights(self.weights)?;
         finite_matrix("phi", self.phi)
     }

@@ -2,18 +2,31 @@
 
 use thiserror::Error;
 
+/// The largest matrix that is made from a number alone (8 GiB): larger ones are a mistake in that number.
+pub(super) const MOST_NUMBERS: usize = 1 << 30;
+
 /// Why values could not be estimated.
 #[derive(Debug, Error, Clone, PartialEq)]
 pub enum ValueError {
-    /// Lists of different lengths.
-    #[error("{what} has {found} entries, but there are {expected} transitions")]
+    /// A list, or the columns of a matrix, of another length than needed.
+    #[error("{what} has {found} entries, but it must have {expected}")]
     Length {
-        /// Which list.
+        /// Which list or matrix.
         what: &'static str,
         /// Its length.
         found: usize,
-        /// The number of transitions.
+        /// The length that fits.
         expected: usize,
+    },
+    /// A matrix that would be too large.
+    #[error("{what} of {rows} × {columns} numbers is not allowed: it must have at most {MOST_NUMBERS} in all")]
+    Size {
+        /// What would be too large.
+        what: &'static str,
+        /// Its rows.
+        rows: usize,
+        /// Its columns.
+        columns: usize,
     },
     /// Feature vectors of different lengths, or with no entries.
     #[error("{what} has {found} features, but it must have {expected}, and at least one")]
@@ -169,6 +182,14 @@ pub enum ValueError {
     /// The result is not finite.
     #[error("the values of {0} weights are not finite: features or rewards are too large, or not numbers")]
     NotFinite(usize),
+}
+
+/// `rows × columns` numbers must be few enough to be stored.
+pub(super) fn size(what: &'static str, rows: usize, columns: usize) -> Result<(), ValueError> {
+    match rows.checked_mul(columns) {
+        Some(numbers) if numbers <= MOST_NUMBERS => Ok(()),
+        _ => Err(ValueError::Size { what, rows, columns }),
+    }
 }
 
 /// `name` must lie in `range`, which `inside` tells.

@@ -1,10 +1,17 @@
 //! Exact values and policies of finite processes: the oracle for everything that learns from samples.
 //!
-//! All solutions are dense in the number of states `S`: `O(S³)` time, `O(S²)` memory.
+//! | | what it solves | cost |
+//! |---|---|---|
+//! | [`values`] | `(I − γP_π)V = R_π`, the values of one policy | `O(S³)` time, `O(S²)` memory, dense in the states `S` |
+//! | [`action_values`] | `Q` from `V`: one step ahead | one look at each transition |
+//! | [`policy_iteration`] | the optimum, by some ten evaluations as a rule | as [`values`], each |
+//! | [`value_iteration`] | the optimum, as a check by other means | one look at each transition, each sweep |
+
+use std::collections::HashSet;
 
 use faer::Mat;
 
-use super::error::parameter;
+use super::error::{parameter, size};
 use super::lstd::solve_or_pseudo_inverse;
 use super::{FiniteMdp, Policy, ValueError};
 
@@ -28,13 +35,15 @@ const BETTER: f64 = 1e-10;
 /// `V^π`: the solution of `(I − γP_π)V = R_π`; 0 in terminal states.
 ///
 /// # Errors
-/// A policy of another size; γ = 1 and a state from which the policy reaches no end.
+/// A policy of another size; γ = 1 and a state from which the policy reaches no end; too many states; values that are not
+/// finite.
 ///
 /// # Reference
 /// Thesis §3.1.1, the Bellman equation.
 pub fn values(process: &FiniteMdp, policy: &Policy) -> Result<Vec<f64>, ValueError> {
     let chain = process.under(policy)?;
     let states = chain.states();
+    size("the equations of all states", states, states)?;
     if chain.gamma() == 1.0 {
         check_ends(&chain)?;
     }
@@ -53,7 +62,7 @@ pub fn values(process: &FiniteMdp, policy: &Policy) -> Result<Vec<f64>, ValueErr
 /// `Q(s, a) = Σ_s′ P(s, a, s′) (R(s, a, s′) + γ V(s′))`, `A × S`.
 ///
 /// # Errors
-/// Another number of values than of states.
+/// Another number of values than of states; values so large that those of the actions are not finite.
 ///
 /// # Reference
 /// Thesis §3.1.1 (definition of the Q-value).
@@ -61,25 +70,28 @@ pub fn action_values(process: &FiniteMdp, values: &[f64]) -> Result<Mat<f64>, Va
     if values.len() != process.states() {
         return Err(ValueError::Length { what: "values", found: values.len(), expected: process.states() });
     }
-    Ok(Mat::from_fn(process.actions(), process.states(), |a, s| {
+    let q = Mat::from_fn(process.actions(), process.states(), |a, s| {
         let successors = process.successors(s, a).iter();
-        successors.map(|to| to.probability * (to.reward + process.gamma() * values[to.state])).sum()
-    }))
+        successors.map(|to| to.probability * (to.reward + process.gamma() * values[to.state])).sum::<f64>()
+    });
+    if q.is_all_finite() { Ok(q) } else { Err(ValueError::NotFinite(values.len())) }
 }
 
 /// Policy iteration with exact values, from the policy that takes all actions alike.
 ///
 /// With γ < 1 it ends at the optimum after finitely many policies. With γ = 1 it does so where every improvement still
-/// ends all episodes, as with a cost for each step.
+/// ends all episodes, as with a cost for each step. (Where rounding is larger than the difference between policies, as
+/// with 1 − γ near 1e-16, it ends at one of those that it cannot tell apart.)
 ///
 /// # Errors
-/// γ = 1 and a policy on the way that never ends an episode.
+/// γ = 1 and a policy on the way that never ends an episode; values that are not finite.
 ///
 /// # Reference
 /// Thesis §3.3; Howard 1960.
 pub fn policy_iteration(process: &FiniteMdp) -> Result<Optimum, ValueError> {
     let mut policy = Policy::uniform(process.states(), process.actions())?;
     let mut chosen: Option<Vec<usize>> = None;
+    let mut seen = HashSet::new();
     let mut iterations = 0;
     loop {
         let found = values(process, &policy)?;
@@ -96,7 +108,8 @@ pub fn policy_iteration(process: &FiniteMdp) -> Result<Optimum, ValueError> {
             })
             .collect();
         policy = Policy::deterministic(&improved, process.actions())?;
-        if chosen.as_ref() == Some(&improved) {
+        // Besides the policy just evaluated, an earlier one comes back only by rounding.
+        if !seen.insert(improved.clone()) {
             return Ok(Optimum { values: found, q, policy, iterations });
         }
         chosen = Some(improved);
@@ -108,9 +121,9 @@ pub fn policy_iteration(process: &FiniteMdp) -> Result<Optimum, ValueError> {
 /// The values are then within `γ/(1 − γ) · tolerance` of the optimum. After `max_sweeps` it stops anyway.
 ///
 /// # Errors
-/// A tolerance that is not positive, no sweeps, values that grow beyond all numbers.
+/// A tolerance that is not positive or not finite, no sweeps, values that are not finite.
 pub fn value_iteration(process: &FiniteMdp, tolerance: f64, max_sweeps: usize) -> Result<Optimum, ValueError> {
-    parameter("tolerance", tolerance, tolerance > 0.0 && tolerance.is_finite(), "> 0")?;
+    parameter("tolerance", tolerance, tolerance > 0.0 && tolerance.is_finite(), "> 0 and finite")?;
     if max_sweeps == 0 {
         return Err(ValueError::Iterations);
     }
@@ -120,9 +133,6 @@ pub fn value_iteration(process: &FiniteMdp, tolerance: f64, max_sweeps: usize) -
         let q = action_values(process, &values)?;
         let best: Vec<f64> =
             (0..process.states()).map(|s| (0..process.actions()).map(|a| q[(a, s)]).fold(f64::MIN, f64::max)).collect();
-        if !best.iter().all(|value| value.is_finite()) {
-            return Err(ValueError::NotFinite(best.len()));
-        }
         let change = best.iter().zip(&values).map(|(new, old)| (new - old).abs()).fold(0.0, f64::max);
         values = best;
         iterations += 1;

@@ -1,16 +1,9 @@
 //! Finite Markov decision processes: states and actions by number, with known probabilities.
-//!
-//! In state `s` action `a` leads to `s′` with probability `P(s, a, s′)` and pays `R(s, a, s′)`. A Markov *reward* process
-//! is one with a single action (thesis §3.1.1). A state with no successors is *terminal*: the episode ends on entering
-//! it, its value is 0.
-//!
-//! Such processes serve as worlds with known answers: [`exact`](super::exact) solves them, and [`FiniteMdp::expected`]
-//! hands all their transitions, weighted by probability, to the algorithms that learn from samples.
 
-use faer::{Mat, MatRef};
+use faer::MatRef;
 use rand::{Rng, RngExt};
 
-use super::error::discount_or_one;
+use super::error::{discount_or_one, size};
 use super::policy::{SUM_TOLERANCE, draw};
 use super::{Batch, Policy, ValueError};
 
@@ -39,6 +32,13 @@ pub struct Step {
 }
 
 /// A finite Markov decision process `(S, A, P, R, γ)` with sparse transitions.
+///
+/// In state `s` action `a` leads to `s′` with probability `P(s, a, s′)` and pays `R(s, a, s′)`. A Markov *reward* process
+/// is one with a single action (thesis §3.1.1). A state with no successors is *terminal*: the episode ends on entering
+/// it, its value is 0.
+///
+/// Such processes serve as worlds with known answers: [`exact`](super::exact) solves them, and [`FiniteMdp::expected`]
+/// hands all their transitions, weighted by probability, to the algorithms that learn from samples.
 ///
 /// ```
 /// use adagio::value::{FiniteMdp, Policy, Successor, exact};
@@ -72,7 +72,7 @@ impl FiniteMdp {
     /// A process from a function that lists what may follow a state and an action; nothing follows a terminal state.
     ///
     /// # Errors
-    /// No states or actions; γ outside [0, 1]; a successor out of range; probabilities that are negative, not finite or
+    /// No states or actions, or too many; γ outside [0, 1]; a successor out of range; probabilities that are negative, not finite or
     /// do not sum to 1; a reward that is not finite; a state in which some actions lead somewhere and others do not.
     pub fn new(
         states: usize,
@@ -87,6 +87,7 @@ impl FiniteMdp {
             return Err(ValueError::NoActions);
         }
         discount_or_one(gamma)?;
+        size("a process", states, actions)?;
         let mut lists = Vec::new();
         for state in 0..states {
             for action in 0..actions {
@@ -146,7 +147,7 @@ impl FiniteMdp {
         if known { &self.successors[state * self.actions + action] } else { &[] }
     }
 
-    /// Whether an episode ends on entering `state`.
+    /// Whether an episode ends on entering `state`; true for numbers out of range, since nothing follows them.
     pub fn is_terminal(&self, state: usize) -> bool {
         self.successors(state, 0).is_empty()
     }
@@ -268,7 +269,7 @@ impl FiniteMdp {
 
     fn batch(&self, basis: MatRef<'_, f64>) -> Result<Batch, ValueError> {
         if basis.ncols() != self.states {
-            return Err(ValueError::State { state: basis.ncols(), states: self.states });
+            return Err(ValueError::Length { what: "the basis", found: basis.ncols(), expected: self.states });
         }
         Batch::new(basis.nrows(), self.actions)
     }
@@ -284,13 +285,6 @@ impl FiniteMdp {
     fn check_state(&self, state: usize) -> Result<(), ValueError> {
         if state < self.states { Ok(()) } else { Err(ValueError::State { state, states: self.states }) }
     }
-}
-
-/// `φ(s)` of every state from a function, `f × S`; a shorter list than that of state 0 is filled up with zeros.
-pub fn basis(states: usize, features: impl Fn(usize) -> Vec<f64>) -> Mat<f64> {
-    let columns: Vec<Vec<f64>> = (0..states).map(features).collect();
-    let rows = columns.first().map_or(0, Vec::len);
-    Mat::from_fn(rows, states, |i, s| columns[s].get(i).copied().unwrap_or(0.0))
 }
 
 fn check(state: usize, action: usize, list: &[Successor], states: usize) -> Result<(), ValueError> {

@@ -1,10 +1,4 @@
 //! Least-squares temporal differences: the value of states under the policy that made the transitions.
-//!
-//! With features `Φ`, features after the step `Φ′`, weights `Ω = diag ω` and rewards `r`, the value `V(x) = wᵀφ(x)` is the
-//! fixed point of a Bellman step followed by a projection on the features: `ΦΩ(Φ − γΦ′)ᵀ w = ΦΩr`.
-//!
-//! The thesis (§3.2.1) derives it from a cost with the factor 1/n, where the square of a mean has 1/n²; the minimum is the
-//! same. Its sum is over single transitions; sums over whole episodes are in [`LstdLambda`](super::LstdLambda).
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, MatRef};
@@ -13,6 +7,12 @@ use super::ValueError;
 use super::error::{discount_or_one, finite_list, finite_matrix, ridge as check_ridge, sample_weights};
 
 /// Value weights `w` with `V(x) = wᵀφ(x)`: the solution of `ΦΩ(Φ − γΦ′)ᵀ w = ΦΩr`, with `ridge` on the diagonal.
+///
+/// With features `Φ`, features after the step `Φ′`, weights `Ω = diag ω` and rewards `r`, the value `V(x) = wᵀφ(x)` is the
+/// fixed point of a Bellman step followed by a projection on the features: `ΦΩ(Φ − γΦ′)ᵀ w = ΦΩr`.
+///
+/// The thesis (§3.2.1) derives it from a cost with the factor 1/n, where the square of a mean has 1/n²; the minimum is the
+/// same. Its sum is over single transitions; sums over whole episodes are in [`LstdLambda`](super::LstdLambda).
 ///
 /// A transition into a terminal state has a zero column in `next`. Where the matrix is singular (no ridge, and features
 /// that were never seen apart), the solution of smallest norm is returned.
@@ -25,7 +25,7 @@ use super::error::{discount_or_one, finite_list, finite_matrix, ridge as check_r
 /// not finite. γ = 1 is allowed here, for chains that end.
 ///
 /// # Reference
-/// Bradtke & Barto 1996; thesis §3.2.1, algorithm 3.
+/// Bradtke & Barto 1996; thesis §3.2.1, algorithm 5.
 ///
 /// ```
 /// use adagio::value::lstd;
@@ -83,6 +83,20 @@ pub fn lstd(
 const SINGULAR: f64 = 1e-12;
 
 /// Solve `a·w = b`; where `a` is singular to working precision, the least-squares solution of smallest norm.
+///
+/// Singular means that a pivot of its LU factors is below 1e-12 of the largest one; directions whose singular value is below
+/// that share then take no part. So features should be of about the same size: beside one of size 1, a feature
+/// of size 1e-7 (whose square is 1e-14) counts as never seen.
+///
+/// ```
+/// use adagio::value::solve_or_pseudo_inverse;
+/// use faer::mat;
+///
+/// // x + y = 2, twice: of all solutions the smallest one.
+/// let w = solve_or_pseudo_inverse(mat![[1.0, 1.0], [1.0, 1.0]].as_ref(), mat![[2.0], [2.0]].as_ref())?;
+/// assert!((w[(0, 0)] - 1.0).abs() < 1e-12 && (w[(1, 0)] - 1.0).abs() < 1e-12);
+/// # Ok::<(), adagio::value::ValueError>(())
+/// ```
 ///
 /// # Shapes
 /// `a: f × f`, `b: f × r`.

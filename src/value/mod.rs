@@ -1,18 +1,38 @@
 //! What actions are worth: least-squares temporal differences and policy iteration over given features.
 //!
-//! Symbols (DESIGN §2): features `φ(x)` (`f` of them, the constant one included), `A` actions, `N` transitions
-//! `(x, a, r, x′)` as columns of `Φ` and `Φ′` (`f × N`), weights `ω` of the transitions, discount `γ`. Feature matrices of
-//! state–action pairs are block-structured: one block of `f` weights per action; the zeros are never built.
+//! # The problem
+//! An agent in state `x` takes action `a`, receives reward `r` and finds itself in `x′`. A policy `π(a | x)` is worth the
+//! discounted sum of the rewards that follow: the value `V(x) = E[r + γV(x′)]` of a state, and the Q-value
+//! `Q(x, a) = E[r + γΣ_b π(b | x′) Q(x′, b)]` of an action. Acting on the largest Q-value makes a policy better;
+//! doing so again and again is policy iteration. Here values are linear in features, `V(x) = wᵀφ(x)` and
+//! `Q(x, a) = w_aᵀφ(x)`, and are found from transitions by solving linear equations.
 //!
+//! # Symbols
+//! Features `φ(x)` (`f` of them, the constant one included), `S` states where they can be counted, `A` actions, `N` transitions
+//! `(x, a, r, x′)` as columns of `Φ` and `Φ′` (`f × N`), weights `ω` of the transitions, discount `γ`. Where an episode
+//! ends, the column of `Φ′` is zero. Feature matrices of state–action pairs are block-structured: one block of `f`
+//! weights per action; the zeros are never built.
+//!
+//! # Which tool for what
 //! | question | answer |
 //! |---|---|
+//! | how to describe a state by numbers? | [`Tabular`], [`Trigonometric`], [`worlds::bases`], or slow features ([`crate::slow`]) |
+//! | how to collect transitions? | [`Batch`], one by one; [`Samples`] and [`Outcomes`] for matrices that exist already |
 //! | what are states worth under the policy that was followed? | [`lstd`]; over trajectories [`LstdLambda`] |
 //! | what are actions worth under a given policy (LSQ)? | [`Lspi::evaluate`] |
-//! | which policy is best? | [`Lspi::fit`] |
+//! | which policy is best? | [`Lspi::fit`], or [`Batch::fit`] |
+//! | what if it does not settle? | [`LspiOptions::mixing`], with a table of what helps at [`Lspi::fit`]; weights by [`balance`] |
 //! | what does learning on one's own path do? | [`Sarsa`], a counter-example |
 //! | which transitions to keep, and how to weigh them? | [`Window`], [`balance`] |
 //! | what is the exact answer? | [`FiniteMdp`] and [`exact`], with [`worlds`] to try things on |
+//! | what of the thesis's outlook? | soft actions ([`maximiser_probabilities`]), the policy-dependent norm ([`closeness_weights`]), [`Smoothing`] |
 //!
+//! A [`Policy`] here is a table over numbered states; a [`Fit`] is greedy wherever there are features.
+//!
+//! # Reference
+//! Thesis chapter 3; Bradtke & Barto 1996 (LSTD); Boyan 1999 (LSTD(λ)); Lagoudakis & Parr 2003 (LSPI).
+//!
+//! # Example
 //! ```
 //! use adagio::random::stream;
 //! use adagio::value::worlds::{bases, chain_walk};
@@ -21,7 +41,7 @@
 //! // 20 states in a row, reward at both ends; 5000 random steps; a polynomial of degree 4 for each action.
 //! let process = chain_walk::twenty()?;
 //! let steps = process.uniform_steps(5000, &mut stream(1, "steps"));
-//! let basis = bases::powers(20, 4);
+//! let basis = bases::powers(20, 4)?;
 //! let fit = process.in_features(&steps, basis.as_ref())?.fit(&LspiOptions::default())?;
 //!
 //! let learned = fit.policy(basis.as_ref())?.chosen();
@@ -51,7 +71,7 @@ pub mod worlds;
 pub use batch::Batch;
 pub use blocks::{Outcomes, Samples};
 pub use error::ValueError;
-pub use finite::{FiniteMdp, Step, Successor, basis};
+pub use finite::{FiniteMdp, Step, Successor};
 pub use lspi::{Fit, Lspi, Options as LspiOptions, Start, greedy};
 pub use lstd::{lstd, solve_or_pseudo_inverse};
 pub use norm::closeness_weights;

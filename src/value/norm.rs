@@ -1,7 +1,4 @@
 //! The policy-dependent norm: errors count more where the best actions are close in value.
-//!
-//! Least squares spreads its errors over all samples alike. A greedy policy only suffers from errors where the two best
-//! actions are close; the thesis's outlook ("Policy dependent norm") suggests to put more weight there.
 
 use faer::MatRef;
 
@@ -10,6 +7,9 @@ use super::error::{finite_matrix, parameter, sample_weights};
 
 /// Weights `ω_i · κΔ̄/(κΔ̄ + Δ_i)`, scaled to the sum of `ω`: `Δ_i` is the gap between the two best values in column
 /// `i` of `q`, `Δ̄` its weighted mean, κ the scale.
+///
+/// Least squares spreads its errors over all samples alike. A greedy policy only suffers from errors where the two best
+/// actions are close; the thesis's outlook ("Policy dependent norm") suggests to put more weight there.
 ///
 /// A sample whose gap is `κΔ̄` gets half the factor of one with no gap at all. For large κ nothing changes. With one
 /// action, or if all gaps are zero, the weights stay as they are.

@@ -3,13 +3,26 @@
 use faer::{Mat, MatRef};
 
 use super::ValueError;
+use super::error::{finite_matrix, parameter, size};
 
 /// By how much probabilities may miss 1 in sum: rounding, not mistakes.
 pub(super) const SUM_TOLERANCE: f64 = 1e-9;
 
-/// A stationary, possibly stochastic policy `π(a | s)`; column `s` is the distribution in state `s`.
+/// A stationary, possibly stochastic policy `π(a | s)` as a table; column `s` is the distribution in state `s`.
 ///
-/// For [`Lspi::evaluate`](super::Lspi::evaluate) the "states" are the states after each sample.
+/// ```
+/// use adagio::value::Policy;
+/// use faer::mat;
+///
+/// // Greedy for the values of two actions (rows) in three states; of equal actions the first.
+/// let greedy = Policy::greedy(mat![[1.0, 0.0, 5.0], [2.0, 0.0, -5.0]].as_ref())?;
+/// assert_eq!(greedy.chosen(), [1, 0, 0]);
+/// // One time in ten any action.
+/// let soft = greedy.softened(0.1)?;
+/// assert!((soft.probabilities()[(1, 0)] - 0.95).abs() < 1e-15);
+/// assert!(Policy::new(mat![[0.5], [0.6]].as_ref()).is_err());
+/// # Ok::<(), adagio::value::ValueError>(())
+/// ```
 ///
 /// # Reference
 /// Thesis §3.1.1 (definition of a stationary policy).
@@ -47,19 +60,24 @@ impl Policy {
     /// The policy that takes all actions alike.
     ///
     /// # Errors
-    /// No actions.
+    /// No actions, too many states and actions.
     pub fn uniform(states: usize, actions: usize) -> Result<Self, ValueError> {
         if actions == 0 {
             return Err(ValueError::NoActions);
         }
+        size("a policy", actions, states)?;
         Ok(Policy { probabilities: Mat::from_fn(actions, states, |_, _| 1.0 / actions as f64) })
     }
 
     /// The policy that takes action `chosen[s]` in state `s`.
     ///
     /// # Errors
-    /// An action out of range.
+    /// No actions, an action out of range, too many states and actions.
     pub fn deterministic(chosen: &[usize], actions: usize) -> Result<Self, ValueError> {
+        if actions == 0 {
+            return Err(ValueError::NoActions);
+        }
+        size("a policy", actions, chosen.len())?;
         if let Some((index, &action)) = chosen.iter().enumerate().find(|&(_, &action)| action >= actions) {
             return Err(ValueError::Action { index, action, actions });
         }
@@ -70,10 +88,11 @@ impl Policy {
     /// The policy that is greedy for the values `q`, `A × S`; of equal actions the first.
     ///
     /// # Errors
-    /// No actions.
+    /// No actions, values that are not finite.
     pub fn greedy(q: MatRef<'_, f64>) -> Result<Self, ValueError> {
+        finite_matrix("q", q)?;
         let chosen: Vec<usize> = (0..q.ncols()).map(|s| super::greedy((0..q.nrows()).map(|a| q[(a, s)]))).collect();
-        if q.nrows() == 0 { Err(ValueError::NoActions) } else { Policy::deterministic(&chosen, q.nrows()) }
+        Policy::deterministic(&chosen, q.nrows())
     }
 
     /// With probability `epsilon` any action, otherwise this policy's.
@@ -81,13 +100,14 @@ impl Policy {
     /// # Errors
     /// `epsilon` outside [0, 1].
     pub fn softened(&self, epsilon: f64) -> Result<Self, ValueError> {
-        super::error::parameter("epsilon", epsilon, (0.0..=1.0).contains(&epsilon), "in [0, 1]")?;
+        parameter("epsilon", epsilon, (0.0..=1.0).contains(&epsilon), "in [0, 1]")?;
         let p = &self.probabilities;
         let any = epsilon / p.nrows() as f64;
         Ok(Policy { probabilities: Mat::from_fn(p.nrows(), p.ncols(), |a, s| (1.0 - epsilon) * p[(a, s)] + any) })
     }
 
-    /// The policy's distributions in a list of states: column `i` belongs to `states[i]`.
+    /// The policy's distributions in a list of states: column `i` belongs to `states[i]`. With the states after each sample
+    /// it is what [`Lspi::evaluate`](super::Lspi::evaluate) takes.
     ///
     /// # Errors
     /// A state out of range.

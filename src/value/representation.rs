@@ -1,31 +1,5 @@
 //! Representations of states that are known: tables, and trigonometric polynomials.
 //!
-//! A representation turns a state into `f` numbers over which values are linear. A [`Tabular`] one has a number per state
-//! and represents every value function exactly. A [`Trigonometric`] one, for states in a box of `p` coordinates, has
-//! all products of the first waves of each coordinate: any continuous function is approximated as their number grows.
-//!
-//! Symbols: `p` coordinates, degree `d_i` of coordinate `i`, `f_i` functions of it, `f = Π f_i` features;
-//! `ψ_j` as in [`crate::slow::theory`], amplitude 1.
-//!
-//! | coordinate | functions | `f_i` |
-//! |---|---|---|
-//! | cyclic, e.g. a heading | 1, sin 2πu, cos 2πu, … , sin 2πd_i u, cos 2πd_i u | 2 d_i + 1 |
-//! | free, e.g. a position between walls | 1, cos πu, … , cos d_i πu | d_i + 1 |
-//!
-//! with `u` in [0, 1] over the box. Sines and cosines of whole turns take the same value at both ends; so for a free
-//! coordinate they could not tell the two walls apart, and half waves of cosines are what the optimal responses
-//! are made of (thesis §4.1.2).
-//!
-//! # Errata of the thesis
-//! - Eq. `trig_basis_fun` has period 1: cos(jπx) for even j, sin((j+1)πx) for odd j are whole waves of 2πx. On the stated
-//!   domain [−1, 1] every function repeats itself, `φ(x) = φ(x + 1)`, so φ would not be injective, i.e. no representation
-//!   by the thesis's own definition, and theorem 4.25 would not hold. The printed functions fit a box of width 1; on
-//!   [−1, 1] the arguments are half as large. Here `u` runs from 0 to 1 over whatever box is given, which is right for both.
-//! - The theorem holds for functions of a circle: over a whole period the ends must agree. "Every continuous function" needs
-//!   the cosines of half waves (the even functions on the doubled box), as the thesis says itself in §4.1.2.
-//! - The size is `m = Π_n (2d_n + 1)`, printed with `d_p`; in the definition of the representation the numbers run over
-//!   `n_i ∈ {0, …, 2d_i}`, printed as `{1, …, d_i}`; and features are counted from 0, since `μ(0, …, 0) = 0`.
-//!
 //! # Reference
 //! Thesis §3.1.2 (tabular) and §3.1.3 (trigonometric).
 
@@ -123,6 +97,32 @@ impl Tabular {
 
 /// All products of the first waves along the axes of a box; the first feature is the constant 1.
 ///
+/// A representation turns a state into `f` numbers over which values are linear. A [`Tabular`] one has a number per state
+/// and represents every value function exactly. A [`Trigonometric`] one, for states in a box of `p` coordinates, has
+/// all products of the first waves of each coordinate: any continuous function is approximated as their number grows.
+///
+/// Symbols: `p` coordinates, degree `d_i` of coordinate `i`, `f_i` functions of it, `f = Π f_i` features;
+/// `ψ_j` as in [`crate::slow::theory`], amplitude 1.
+///
+/// | coordinate | functions | `f_i` |
+/// |---|---|---|
+/// | cyclic, e.g. a heading | 1, sin 2πu, cos 2πu, … , sin 2πd_i u, cos 2πd_i u | 2 d_i + 1 |
+/// | free, e.g. a position between walls | 1, cos πu, … , cos d_i πu | d_i + 1 |
+///
+/// with `u` in [0, 1] over the box. Sines and cosines of whole turns take the same value at both ends; so for a free
+/// coordinate they could not tell the two walls apart, and half waves of cosines are what the optimal responses
+/// are made of (thesis §4.1.2).
+///
+/// # Errata of the thesis
+/// - Eq. `trig_basis_fun` has period 1: cos(jπx) for even j, sin((j+1)πx) for odd j are whole waves of 2πx. On the stated
+///   domain [−1, 1] every function repeats itself, `φ(x) = φ(x + 1)`, so φ would not be injective, i.e. no representation
+///   by the thesis's own definition, and theorem 4.25 would not hold. The printed functions fit a box of width 1; on
+///   [−1, 1] the arguments are half as large. Here `u` runs from 0 to 1 over whatever box is given, which is right for both.
+/// - The theorem holds for functions of a circle: over a whole period the ends must agree. "Every continuous function" needs
+///   the cosines of half waves (the even functions on the doubled box), as the thesis says itself in §4.1.2.
+/// - The size is `m = Π_n (2d_n + 1)`, printed with `d_p`; in the definition of the representation the numbers run over
+///   `n_i ∈ {0, …, 2d_i}`, printed as `{1, …, d_i}`; and features are counted from 0, since `μ(0, …, 0) = 0`.
+///
 /// ```
 /// use adagio::slow::theory::Axis;
 /// use adagio::value::Trigonometric;
@@ -145,7 +145,7 @@ impl Tabular {
 /// ```
 ///
 /// # Reference
-/// Thesis §3.1.3, definition *trigonometric representation*; see the module for its errata.
+/// Thesis §3.1.3, definition *trigonometric representation*.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trigonometric {
     axes: Vec<Axis>,

@@ -1,14 +1,9 @@
 //! Sarsa: learning action values while acting on them, step by step.
-//!
-//! It is here as the counter-example of thesis §3.3.1. What it learns from is what its own policy does. A greedy one
-//! repeats in each state the action that looks best already, the others are never tried, and their values stay what they
-//! were by chance. Some exploration (ε > 0) mends that; [`Lspi`](super::Lspi) avoids it, because its samples do not
-//! depend on the policy.
 
 use faer::{Mat, MatRef};
 use rand::{Rng, RngExt};
 
-use super::error::{discount_or_one, finite_list, parameter};
+use super::error::{discount_or_one, finite_list, parameter, size};
 use super::{ValueError, greedy};
 
 /// Options of [`Sarsa`].
@@ -16,7 +11,7 @@ use super::{ValueError, greedy};
 pub struct SarsaOptions {
     /// Discount γ, in [0, 1].
     pub gamma: f64,
-    /// α: share of the error that a step corrects, in (0, 1] for features of length 1.
+    /// α > 0: share of the error that a step corrects, for features of length 1; values above 1 overshoot.
     pub step: f64,
     /// ε: probability of any action at random, in [0, 1]. (The thesis's footnote to §3.3.1 has it the other way round:
     /// greedy with probability ε. Sutton & Barto, whom it cites, have it as here.)
@@ -24,6 +19,21 @@ pub struct SarsaOptions {
 }
 
 /// On-policy control with linear features, `Q(x, a) = φ(x)ᵀ w_a`.
+///
+/// It is here as the counter-example of thesis §3.3.1. What it learns from is what its own policy does. A greedy one
+/// repeats in each state the action that looks best already, the others are never tried, and their values stay what they
+/// were by chance. Some exploration (ε > 0) mends that; [`Lspi`](super::Lspi) avoids it, because its samples do not
+/// depend on the policy.
+///
+/// ```
+/// use adagio::value::{Sarsa, SarsaOptions};
+///
+/// let mut sarsa = Sarsa::new(1, 2, SarsaOptions { gamma: 0.9, step: 0.5, epsilon: 0.0 })?;
+/// // Action 1 pays 4 and ends the episode: half of the error of 4 is learned.
+/// assert_eq!(sarsa.learn(&[1.0], 1, 4.0, None)?, 4.0);
+/// assert_eq!(sarsa.weights()[(0, 1)], 2.0);
+/// # Ok::<(), adagio::value::ValueError>(())
+/// ```
 ///
 /// # Reference
 /// Thesis §3.3.1; Sutton & Barto 1998.
@@ -38,7 +48,7 @@ impl Sarsa {
     /// All values zero.
     ///
     /// # Errors
-    /// No features, no actions, options outside their ranges.
+    /// No features or actions, or too many; options outside their ranges.
     pub fn new(features: usize, actions: usize, options: SarsaOptions) -> Result<Self, ValueError> {
         if features == 0 {
             return Err(ValueError::Features { what: "phi", found: 0, expected: 1 });
@@ -46,6 +56,7 @@ impl Sarsa {
         if actions == 0 {
             return Err(ValueError::NoActions);
         }
+        size("the weights", features, actions)?;
         discount_or_one(options.gamma)?;
         parameter("step", options.step, options.step > 0.0 && options.step.is_finite(), "> 0 and finite")?;
         parameter("epsilon", options.epsilon, (0.0..=1.0).contains(&options.epsilon), "in [0, 1]")?;

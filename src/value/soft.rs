@@ -1,14 +1,4 @@
 //! Soft actions: which action a greedy policy would choose, if its values have errors.
-//!
-//! A greedy step puts all weight on the action with the largest estimated value, however close the next one is. The
-//! thesis's outlook ("Consider local errors in policy iteration") suggests to estimate the local errors instead and to
-//! let action `a` follow with the probability that it really is the best one:
-//! `φ′ = Σ_a p(a) φ(x′, a)`.
-//!
-//! Here the error of `Q(x, a) = w_aᵀφ(x)` is that of a linear regression on the samples of action `a`:
-//! `σ_a²(x) = s_a² · φᵀ(G_a + ρI)⁻¹φ`, with `s_a² = Σ ω δ²/(N_a − f)` from the Bellman residuals
-//! `δ = r + γ Σ_b π(b | x′) Q(x′, b) − Q(x, a)` and the ridge ρ. It is large where an action was rarely tried, and where
-//! values jump. It leaves out that an error at `x′` is inherited by the values before it.
 
 use faer::{Mat, MatRef, Side};
 
@@ -26,12 +16,12 @@ pub(super) struct LocalErrors {
     leverage: Mat<f64>,
     /// Samples of each action.
     members: Vec<Vec<usize>>,
-    /// `N_a − f`, at least 1, of each action.
+    /// `N_a − f`, at least 1, of each action; samples without weight do not count.
     freedom: Vec<f64>,
 }
 
 impl LocalErrors {
-    pub fn new(blocks: &Blocks, next: MatRef<'_, f64>, ridge: f64) -> Result<Self, ValueError> {
+    pub fn new(blocks: &Blocks, weights: &[f64], next: MatRef<'_, f64>, ridge: f64) -> Result<Self, ValueError> {
         let mut leverage = Mat::zeros(blocks.gram().len(), next.ncols());
         let mut freedom = Vec::with_capacity(blocks.gram().len());
         for (b, gram) in blocks.gram().iter().enumerate() {
@@ -41,17 +31,20 @@ impl LocalErrors {
             }
             let eigen = gram.self_adjoint_eigen(Side::Lower).map_err(|_| ValueError::NotFinite(f))?;
             let largest = (0..f).map(|i| eigen.S()[i]).fold(0.0, f64::max);
+            let seen = |i: usize| eigen.S()[i] > UNSEEN * largest;
             let inverse_of = |i: usize| {
-                let value = eigen.S()[i];
-                if value > UNSEEN * largest { 1.0 / (value + ridge) } else { 0.0 }
+                let inverse = 1.0 / (eigen.S()[i].max(0.0) + ridge);
+                // A ridge below 1/f64::MAX has no inverse.
+                if (seen(i) || ridge > 0.0) && inverse.is_finite() { inverse } else { 0.0 }
             };
-            let seen: Vec<f64> = (0..f).map(inverse_of).collect();
+            let inverses: Vec<f64> = (0..f).map(inverse_of).collect();
             let turned = eigen.U().transpose() * next;
             for i in 0..next.ncols() {
-                leverage[(b, i)] = seen.iter().enumerate().map(|(k, s)| s * turned[(k, i)].powi(2)).sum();
+                leverage[(b, i)] = inverses.iter().enumerate().map(|(k, s)| s * turned[(k, i)].powi(2)).sum();
             }
-            let rank = seen.iter().filter(|&&s| s > 0.0).count();
-            freedom.push(blocks.members()[b].len().saturating_sub(rank).max(1) as f64);
+            let rank = (0..f).filter(|&i| seen(i)).count();
+            let samples = blocks.members()[b].iter().filter(|&&i| weights[i] > 0.0).count();
+            freedom.push(samples.saturating_sub(rank).max(1) as f64);
         }
         Ok(LocalErrors { leverage, members: blocks.members().to_vec(), freedom })
     }
@@ -97,8 +90,22 @@ const LEGENDRE: [(f64, f64); 4] = [
 /// The probability of each of several independent Gaussians to be the largest one:
 /// `p_a = ∫ 𝒩(t; μ_a, σ_a²) Π_{b ≠ a} Φ((t − μ_b)/σ_b) dt`.
 ///
+/// A greedy step puts all weight on the action with the largest estimated value, however close the next one is. The
+/// thesis's outlook ("Consider local errors in policy iteration") suggests to estimate the local errors instead and to
+/// let action `a` follow with the probability that it really is the best one:
+/// `φ′ = Σ_a p(a) φ(x′, a)`.
+///
+/// In [`Lspi::fit`](super::Lspi::fit) the error of `Q(x, a) = w_aᵀφ(x)` is that of a linear regression on the samples of action `a`:
+/// `σ_a²(x) = s_a² · φᵀ(G_a + ρI)⁻¹φ`, with `s_a² = Σ ω δ²/(N_a − f)` from the Bellman residuals
+/// `δ = r + γ Σ_b π(b | x′) Q(x′, b) − Q(x, a)`, the ridge ρ, and `N_a` samples in `f` dimensions. It is large where an action
+/// was rarely tried, and where values jump.
+///
+/// What it leaves out: an error at `x′` is inherited by the values before it; an action that was never tried has no
+/// residuals, so its value counts as certain; and without a ridge so does what lies in a direction never seen (`G_a`
+/// is then inverted on the others, and `f` is its rank).
+///
 /// Integrated panel by panel, with panels no wider than the narrowest Gaussian that changes there, so that very different
-/// σ do not matter; the error is below 1e-10. Values without error (σ = 0) that are equal share alike.
+/// σ do not matter; the error is about 1e-10 or less. Values without error (σ = 0) that are equal share alike.
 ///
 /// ```
 /// use adagio::value::maximiser_probabilities;
@@ -129,7 +136,7 @@ pub fn maximiser_probabilities(means: &[f64], deviations: &[f64]) -> Result<Vec<
     if scale == 0.0 {
         return Ok(vec![1.0 / means.len() as f64; means.len()]);
     }
-    let scaled = |(mean, deviation): (&f64, &f64)| ((mean / scale - centre / scale), deviation / scale);
+    let scaled = |(mean, deviation): (&f64, &f64)| ((mean - centre) / scale, deviation / scale);
     let bells: Vec<(f64, f64)> = means.iter().zip(deviations).map(scaled).collect();
 
     // The largest value is at least that of the best certain one.

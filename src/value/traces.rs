@@ -1,17 +1,17 @@
 //! LSTD(λ): least-squares temporal differences over whole trajectories.
-//!
-//! An eligibility trace `z_t = γλ z_{t−1} + φ_t` credits a reward to all states before it, not to the last one alone. With
-//! `A = Σ ω_t z_t (φ_t − γφ′_t)ᵀ` and `b = Σ ω_t z_t r_t` the weights solve `Aw = b`. λ = 0 is [`lstd`](super::lstd());
-//! λ = 1 is the linear regression of the rewards that really followed (Monte Carlo), which does not rely on the Markov
-//! property, but has more noise.
 
 use faer::Mat;
 
 use super::ValueError;
-use super::error::{discount_or_one, finite_list, parameter, ridge as check_ridge, sample_weights};
+use super::error::{discount_or_one, finite_list, parameter, ridge as check_ridge, sample_weights, size};
 use super::lstd::solve_or_pseudo_inverse;
 
 /// Sums of LSTD(λ) over a stream of transitions, `O(f²)` memory and time for each.
+///
+/// An eligibility trace `z_t = γλ z_{t−1} + φ_t` credits a reward to all states before it, not to the last one alone. With
+/// `A = Σ ω_t z_t (φ_t − γφ′_t)ᵀ` and `b = Σ ω_t z_t r_t` the weights solve `Aw = b`. λ = 0 is [`lstd`](super::lstd());
+/// λ = 1 is the linear regression of the rewards that really followed (Monte Carlo), which does not rely on the Markov
+/// property, but has more noise.
 ///
 /// ```
 /// use adagio::value::LstdLambda;
@@ -44,13 +44,14 @@ impl LstdLambda {
     /// No transitions yet, for `features` features.
     ///
     /// # Errors
-    /// No features, γ or λ outside [0, 1].
+    /// No features or too many, γ or λ outside [0, 1].
     pub fn new(features: usize, gamma: f64, lambda: f64) -> Result<Self, ValueError> {
         if features == 0 {
             return Err(ValueError::Features { what: "phi", found: 0, expected: 1 });
         }
         discount_or_one(gamma)?;
         parameter("lambda", lambda, (0.0..=1.0).contains(&lambda), "in [0, 1]")?;
+        size("the sums of LSTD(λ)", features, features)?;
         let (a, b) = (Mat::zeros(features, features), Mat::zeros(features, 1));
         Ok(LstdLambda { gamma, lambda, trace: vec![0.0; features], a, b, transitions: 0 })
     }

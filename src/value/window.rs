@@ -1,9 +1,4 @@
 //! The rolling window of transitions, kept near-uniform over states and actions.
-//!
-//! An agent that acts greedily sees its own paths over and over. Policy iteration from such data alone can swing for ever
-//! between two policies (Koller & Parr 2000), so rare states and actions must neither leave the window nor weigh less.
-//! States are told apart by a *cell*, for which the nearest support vector serves. The window evicts the oldest transition
-//! of the fullest (cell, action), and [`balance`] weighs what is in it.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -33,6 +28,11 @@ pub struct Transition<S> {
 type Arrived<S> = (u64, Transition<S>);
 
 /// A bounded window over a stream of transitions.
+///
+/// An agent that acts greedily sees its own paths over and over. Policy iteration from such data alone can swing for ever
+/// between two policies (Koller & Parr 2000), so rare states and actions must neither leave the window nor weigh less.
+/// States are told apart by a *cell*, for which the nearest support vector serves. The window evicts the oldest transition
+/// of the fullest (cell, action), and [`balance`] weighs what is in it.
 #[derive(Debug, Clone)]
 pub struct Window<S> {
     capacity: usize,

@@ -24,7 +24,7 @@
 
 use faer::{Mat, MatRef, Par};
 
-use super::{CoherenceError, LinearMap, checked_series};
+use super::{CoherenceError, LinearMap, check_features, checked_series};
 use crate::slow::links::Link;
 use crate::slow::moments::Moments;
 use crate::slow::solve::solve;
@@ -72,7 +72,8 @@ pub struct Options {
 pub struct RatioFeatures {
     /// The map; features have mean 0 and variance 1 on the training frames.
     pub map: LinearMap,
-    /// Ratio `V/S` of each feature on the training frames (without λ), descending, `k`.
+    /// Ratio `V/S` of each feature on the training frames (without λ), descending, `k`; infinite for one that does not
+    /// vary in the short term.
     pub ratios: Vec<f64>,
 }
 
@@ -114,9 +115,7 @@ pub fn largest_ratio(
     k: usize,
 ) -> Result<RatioFeatures, CoherenceError> {
     check(options)?;
-    if k == 0 || k > x.nrows() {
-        return Err(CoherenceError::Features { asked: k, most: x.nrows() });
-    }
+    check_features(k, x.nrows())?;
     let links = checked_series(x, links)?;
     // Far from the origin, differences of running sums would lose digits.
     let total_mean = Mat::from_fn(x.nrows(), 1, |i, _| x.row(i).iter().sum::<f64>() / x.ncols() as f64);
@@ -135,7 +134,7 @@ pub fn largest_ratio(
     scale_to_unit_variance(&mut weights, &centred)?;
     Ok(RatioFeatures {
         map: LinearMap::centred(weights, total_mean.as_ref()),
-        ratios: solution.slowness.iter().map(|slowness| 1.0 / slowness).collect(),
+        ratios: solution.slowness.iter().map(|slowness| 1.0 / slowness.max(0.0)).collect(),
     })
 }
 

@@ -32,7 +32,7 @@
 
 use faer::{Mat, MatRef};
 
-use super::{CoherenceError, LinearMap, check_frame, moments_of, random_weights};
+use super::{CoherenceError, LinearMap, check_features, check_frame, moments_of, project, random_weights};
 use crate::slow::links::{Link, check_link};
 use crate::slow::moments::Moments;
 
@@ -161,6 +161,9 @@ impl Expectations {
     }
 }
 
+/// Steps of [`ascend`] stay finite, so that they can be halved.
+const LONGEST_STEP: f64 = f64::MAX;
+
 /// Options of [`ascend`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AscentOptions {
@@ -208,9 +211,7 @@ pub fn ascend(
     let AscentOptions { objective, features: k, tolerance, most_steps } = options;
     objective.check()?;
     CoherenceError::unless(tolerance > 0.0 && tolerance.is_finite(), "the tolerance", tolerance, "> 0 and finite")?;
-    if k == 0 || k > x.nrows() {
-        return Err(CoherenceError::Features { asked: k, most: x.nrows() });
-    }
+    check_features(k, x.nrows())?;
     let expectations = Expectations::new(&moments_of(x, links)?);
     let centred = |weights| LinearMap::centred(weights, expectations.mean.as_ref());
     let normalised = |mut weights: Mat<f64>| -> Result<LinearMap, CoherenceError> {
@@ -226,7 +227,7 @@ pub fn ascend(
     };
     let mut map = normalised(random_weights(x.nrows(), k, rng))?;
     let mut here = objective.slope_of(&map, &expectations)?;
-    let mut length = 1.0;
+    let mut length = 1.0f64;
     for steps in 0..most_steps {
         let slope = here.weights.norm_l2();
         if !slope.is_finite() {
@@ -236,14 +237,14 @@ pub fn ascend(
             return Ok(Ascent { map, value: here.value, steps, slope, converged: true });
         }
         // Longer again after every success, shorter until one.
-        length *= 2.0;
+        length = (2.0 * length).min(LONGEST_STEP);
         let found = loop {
             let there = normalised(&map.weights + &here.weights * faer::Scale(length))
                 .and_then(|map| Ok((objective.slope_of(&map, &expectations)?, map)));
             match there {
                 Ok((next, map)) if next.value >= here.value + 0.5 * length * slope * slope => break Some((next, map)),
                 _ if length * slope < f64::EPSILON => break None,
-                _ => length *= 0.5, // ends, since the slope is finite
+                _ => length *= 0.5, // ends, since length and slope are finite
             }
         };
         match found {
@@ -302,9 +303,7 @@ impl OnlineCoherence {
             "> 0 and finite",
         )?;
         CoherenceError::unless(forgetting > 0.0 && forgetting < 1.0, "the forgetting rate", forgetting, "in (0, 1)")?;
-        if k == 0 || k > inputs {
-            return Err(CoherenceError::Features { asked: k, most: inputs });
-        }
+        check_features(k, inputs)?;
         let scale = 1.0 / (inputs as f64).sqrt();
         Ok(OnlineCoherence {
             options,
@@ -423,9 +422,4 @@ impl OnlineCoherence {
             }
         }
     }
-}
-
-/// `Wᵀx` for one column.
-fn project(weights: &Mat<f64>, x: &[f64]) -> Vec<f64> {
-    weights.col_iter().map(|column| column.iter().zip(x).map(|(weight, value)| weight * value).sum()).collect()
 }

@@ -25,7 +25,7 @@
 
 use faer::{Mat, MatRef};
 
-use super::{CoherenceError, LinearMap, check_frame, random_weights};
+use super::{CoherenceError, LinearMap, check_features, check_frame, project, random_weights};
 use crate::slow::links::{Link, check_link};
 
 /// Amnesic averages: frames of plain averaging, end of the first rise, its height, frames per unit after that (Weng 2003,
@@ -109,12 +109,8 @@ impl IncrementalSlow {
     /// Options out of range.
     pub fn new(inputs: usize, options: Options, rng: &mut impl rand::Rng) -> Result<Self, CoherenceError> {
         let Options { features, whitened, smallest_variance, start, peak, .. } = options;
-        if whitened == 0 || whitened > inputs {
-            return Err(CoherenceError::Features { asked: whitened, most: inputs });
-        }
-        if features == 0 || features > whitened {
-            return Err(CoherenceError::Features { asked: features, most: whitened });
-        }
+        check_features(whitened, inputs)?;
+        check_features(features, whitened)?;
         CoherenceError::unless(
             (0.0..1.0).contains(&smallest_variance),
             "the smallest variance",
@@ -322,9 +318,4 @@ fn normalise<'a>(values: impl Iterator<Item = &'a mut f64>) {
     if length > 0.0 {
         values.into_iter().for_each(|value| *value /= length);
     }
-}
-
-/// `Wᵀx` for one column.
-fn project(weights: &Mat<f64>, x: &[f64]) -> Vec<f64> {
-    weights.col_iter().map(|column| column.iter().zip(x).map(|(weight, value)| weight * value).sum()).collect()
 }

@@ -68,6 +68,14 @@ pub enum CoherenceError {
         /// Number of inputs.
         most: usize,
     },
+    /// More weights than can be held.
+    #[error("{features} features of {inputs} inputs have more than {MOST_WEIGHTS} weights: reduce the inputs first")]
+    TooManyWeights {
+        /// Features, or components that are made white.
+        features: usize,
+        /// Number of inputs.
+        inputs: usize,
+    },
     /// Too few frames that follow each other.
     #[error("at least 2 frames that follow each other are needed: there are {frames} frames with {links} links")]
     TooShort {
@@ -175,8 +183,25 @@ fn moments_of(x: MatRef<'_, f64>, links: &[Option<Link>]) -> Result<Moments, Coh
     Ok(moments)
 }
 
+/// The most weights that a stream follows: 2 GiB. Those who have more inputs begin with fewer of them.
+const MOST_WEIGHTS: usize = 1 << 28;
+
+/// Refuse `k` features of `d` inputs, unless `1 ≤ k ≤ d` and their weights can be held.
+fn check_features(k: usize, d: usize) -> Result<(), CoherenceError> {
+    match d.checked_mul(k) {
+        _ if k == 0 || k > d => Err(CoherenceError::Features { asked: k, most: d }),
+        Some(weights) if weights <= MOST_WEIGHTS => Ok(()),
+        _ => Err(CoherenceError::TooManyWeights { features: k, inputs: d }),
+    }
+}
+
 /// A random start: `d × k` standard normal numbers.
 fn random_weights(d: usize, k: usize, rng: &mut impl rand::Rng) -> Mat<f64> {
     use rand_distr::{Distribution, StandardNormal};
     Mat::from_fn(d, k, |_, _| StandardNormal.sample(rng))
+}
+
+/// `Wᵀx` for one column.
+fn project(weights: &Mat<f64>, x: &[f64]) -> Vec<f64> {
+    weights.col_iter().map(|column| column.iter().zip(x).map(|(weight, value)| weight * value).sum()).collect()
 }

@@ -9,7 +9,7 @@
 
 use faer::Mat;
 
-use super::{bases, chain_walk};
+use super::chain_walk;
 use crate::value::{Batch, FiniteMdp, Policy, ValueError, exact};
 
 /// The chain: success probability 0.9, γ = 0.9.
@@ -20,9 +20,9 @@ pub fn process() -> Result<FiniteMdp, ValueError> {
     chain_walk::process(4, 0.9, 0.9, &[1, 2])
 }
 
-/// 1, s, s² (in thirds of the row), `3 × 4`.
+/// 1, s, s² (in thirds of the row), `3 × 4`: [`bases::powers`](super::bases::powers) of degree 2.
 pub fn basis() -> Mat<f64> {
-    bases::powers(4, 2)
+    Mat::from_fn(3, 4, |i, s| (s as f64 / 3.0).powi(i as i32))
 }
 
 /// Steps after which the distribution over the states has settled.

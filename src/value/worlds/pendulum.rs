@@ -14,6 +14,7 @@ use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 use faer::MatRef;
 use rand::{Rng, RngExt};
 
+use crate::value::error::finite_matrix;
 use crate::value::{Batch, ValueError, greedy};
 
 /// Pushes of the three actions, N.
@@ -118,11 +119,15 @@ pub fn random_episodes(episodes: usize, rng: &mut impl Rng) -> Result<Batch, Val
 /// How many of `longest` steps the greedy policy of some weights, `10 × 3`, keeps a perturbed pole up.
 ///
 /// # Errors
-/// Weights of another shape.
+/// Weights of another shape, or that are not finite.
 pub fn balanced_steps(weights: MatRef<'_, f64>, longest: usize, rng: &mut impl Rng) -> Result<usize, ValueError> {
-    if weights.nrows() != FEATURES || weights.ncols() != FORCES.len() {
+    if weights.nrows() != FEATURES {
         return Err(ValueError::Features { what: "weights", found: weights.nrows(), expected: FEATURES });
     }
+    if weights.ncols() != FORCES.len() {
+        return Err(ValueError::Length { what: "weights", found: weights.ncols(), expected: FORCES.len() });
+    }
+    finite_matrix("weights", weights)?;
     let mut pole = Pendulum::perturbed(rng);
     for steps in 0..longest {
         let phi = pole.features();

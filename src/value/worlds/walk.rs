@@ -9,6 +9,7 @@ use std::f64::consts::{PI, SQRT_2, TAU};
 
 use faer::Mat;
 
+use crate::value::error::size;
 use crate::value::{FiniteMdp, ValueError};
 
 /// The walk between walls, as a reward process with `R(s′)` = `rewards[s′]`.
@@ -31,19 +32,26 @@ pub fn cyclic(rewards: &[f64], gamma: f64) -> Result<FiniteMdp, ValueError> {
     FiniteMdp::with_target_rewards(states, 1, gamma, rewards, |s, _| ends(s).map(|to| (to, 0.5)).to_vec())
 }
 
-/// The first `count` eigenvectors of the walk between walls, the constant first (which is 1), `count × S`.
-pub fn cosines(states: usize, count: usize) -> Mat<f64> {
-    Mat::from_fn(count, states, |j, s| {
+/// The first `count` eigenvectors of the walk between walls, the constant first (which is 1).
+///
+/// # Shapes
+/// `count × S`.
+///
+/// # Errors
+/// Too many states and vectors.
+pub fn cosines(states: usize, count: usize) -> Result<Mat<f64>, ValueError> {
+    size("the eigenvectors", count, states)?;
+    Ok(Mat::from_fn(count, states, |j, s| {
         if j == 0 { 1.0 } else { SQRT_2 * (j as f64 * PI * (s as f64 + 0.5) / states as f64).cos() }
-    })
+    }))
 }
 
-/// Eigenvalue `j` of the walk between walls.
+/// Eigenvalue `j` of the walk between walls on `states` ≥ 1 places.
 pub fn reflecting_eigenvalue(states: usize, j: usize) -> f64 {
     (j as f64 * PI / states as f64).cos()
 }
 
-/// Eigenvalue of frequency `j` of the walk in a circle.
+/// Eigenvalue of frequency `j` of the walk in a circle of `states` ≥ 1 places.
 pub fn cyclic_eigenvalue(states: usize, j: usize) -> f64 {
     (j as f64 * TAU / states as f64).cos()
 }
