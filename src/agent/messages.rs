@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::dictionary::{Dictionary, Thinning};
+use crate::dictionary::Dictionary;
 use crate::policy::Learned;
 use crate::slow::{Moments, SlowModel};
 use crate::source::Boundary;
@@ -26,8 +26,6 @@ pub struct SolveRequest {
     pub frames: u64,
     pub dictionary: Dictionary<f32>,
     pub moments: Moments,
-    /// What became of coordinates since the request before.
-    pub thinnings: Vec<Thinning>,
     pub window: Vec<Transition<Arc<Observation>>>,
 }
 

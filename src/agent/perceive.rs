@@ -158,7 +158,6 @@ impl Perceive {
             frames: self.frames,
             dictionary: stream.dictionary().clone(),
             moments,
-            thinnings: stream.take_thinnings(),
             window: self.window.snapshot(),
         }))
     }

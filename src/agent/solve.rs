@@ -1,13 +1,21 @@
 //! The actor that turns moments into slow features.
 
 use super::messages::{FitRequest, SolveRequest};
+use crate::dictionary::Dictionary;
 use crate::scenario;
 use crate::slow::{SlowError, SlowFeatures, SlowModel, solve};
 
 /// The solver; it keeps its last solution to align the next one with.
 pub struct Solve {
     settings: scenario::Slow,
-    previous: Option<SlowFeatures>,
+    previous: Option<Solved>,
+}
+
+/// A solution, in both of its forms, and the support vectors it stands on.
+struct Solved {
+    features: SlowFeatures,
+    model: SlowModel<f32>,
+    serials: Vec<usize>,
 }
 
 impl Solve {
@@ -20,24 +28,30 @@ impl Solve {
     /// of a run, there are fewer features.
     pub fn step(&mut self, request: SolveRequest) -> FitRequest {
         let features = self.settings.features.min(request.moments.size());
-        // Features that cannot follow the dictionary give nothing to align with.
-        self.previous = self.previous.take().and_then(|mut previous| {
-            request.thinnings.iter().all(|thinning| previous.follow(thinning).is_ok()).then_some(previous)
-        });
-        let solved = match self.solve(&request, features) {
-            Err(SlowError::Features { rank, .. }) if rank > 0 => self.solve(&request, rank),
+        let previous = self.previous.as_ref().and_then(|solved| solved.over(&request.dictionary).ok());
+        let solve = |k| solve(&request.moments, k, self.settings.lambda, previous.as_ref());
+        let solved = match solve(features) {
+            Err(SlowError::Features { rank, .. }) if rank > 0 => solve(rank),
             other => other,
         };
         let model = solved.and_then(|features| {
             let model = SlowModel::new(&request.dictionary, &features)?;
-            self.previous = Some(features);
+            let serials = request.dictionary.serials().to_vec();
+            self.previous = Some(Solved { features, model: model.clone(), serials });
             Ok(model)
         });
         let model = model.map_err(|error| error.to_string());
         FitRequest { asked_at: request.asked_at, frames: request.frames, model, window: request.window }
     }
+}
 
-    fn solve(&self, request: &SolveRequest, features: usize) -> Result<SlowFeatures, SlowError> {
-        solve(&request.moments, features, self.settings.lambda, self.previous.as_ref())
+impl Solved {
+    /// The features over a dictionary that may have grown, and lost support vectors, since.
+    fn over(&self, dictionary: &Dictionary<f32>) -> Result<SlowFeatures, SlowError> {
+        let mut features = self.features.clone();
+        if !dictionary.serials().starts_with(&self.serials) {
+            features.weights = self.model.weights_over(dictionary)?;
+        }
+        Ok(features)
     }
 }

@@ -47,6 +47,23 @@ impl<T: Scalar> SlowModel<T> {
         )
     }
 
+    /// Weights `W` of the same features over the support vectors of another dictionary, which may have lost some of the
+    /// model's: the orthogonal projection onto the functions that it spans. At a support vector of both, `wᵀv` is the same.
+    ///
+    /// With `Σⱼ aⱼ k(sⱼ, ·)` a feature, that is `V a` with the Newton coordinates `V` of the model's support vectors.
+    ///
+    /// # Shapes
+    /// The result is `m′ × k` for a dictionary of `m′` support vectors.
+    ///
+    /// # Errors
+    /// A dictionary of another kernel, or with support vectors of another length.
+    pub fn weights_over(&self, dictionary: &Dictionary<T>) -> Result<Mat<f64>, SlowError> {
+        if dictionary.kernel() != self.kernel {
+            return Err(SlowError::OtherKernel { model: self.kernel, dictionary: dictionary.kernel() });
+        }
+        Ok(dictionary.coordinates(self.members.as_ref().as_ref())? * &self.projection)
+    }
+
     /// A model from its stored parts.
     ///
     /// # Shapes

@@ -6,8 +6,8 @@ use thiserror::Error;
 
 use super::moments::Moments;
 use super::reveal::{no_variance, revealed};
-use crate::dictionary::{DictionaryError, Thinning};
-use crate::kernel::KernelError;
+use crate::dictionary::DictionaryError;
+use crate::kernel::{Kernel, KernelError};
 
 /// Why slow features could not be solved.
 #[derive(Debug, Error, Clone, PartialEq)]
@@ -39,6 +39,14 @@ pub enum SlowError {
         found: usize,
         /// The size that fits.
         expected: usize,
+    },
+    /// A model and a dictionary of different kernels.
+    #[error("the model has the kernel {model}, the dictionary {dictionary}: they must be the same")]
+    OtherKernel {
+        /// Kernel of the model.
+        model: Kernel,
+        /// Kernel of the dictionary.
+        dictionary: Kernel,
     },
     /// What the kernel refuses.
     #[error(transparent)]
@@ -185,20 +193,6 @@ impl SlowError {
     pub(super) fn unless_finite(what: &'static str, x: MatRef<'_, f64>) -> Result<(), SlowError> {
         let finite = (0..x.ncols()).all(|j| (0..x.nrows()).all(|i| x[(i, j)].is_finite()));
         if finite { Ok(()) } else { Err(SlowError::NotFinite(what)) }
-    }
-}
-
-impl SlowFeatures {
-    /// The same features, as nearly as a dictionary can hold them that lost support vectors since: their orthogonal
-    /// projection onto the functions that are left. At a support vector that stays `wᵀv` keeps its value. The mean follows
-    /// too: the outputs keep mean 0, if the features had all coordinates.
-    ///
-    /// # Errors
-    /// A thinning of fewer coordinates than the features have.
-    pub fn follow(&mut self, thinning: &Thinning) -> Result<(), SlowError> {
-        self.weights = thinning.apply(self.weights.as_ref())?;
-        self.mean = thinning.apply(self.mean.as_ref())?;
-        Ok(())
     }
 }
 

@@ -7,7 +7,7 @@ use faer::{Mat, MatRef};
 use super::links::{Link, check_links};
 use super::moments::{Moments, rates};
 use super::solve::SlowError;
-use crate::dictionary::{Block, Dictionary, DictionaryError, FeatureMap, Selection, Thinning};
+use crate::dictionary::{Block, Dictionary, DictionaryError, FeatureMap, Selection};
 use crate::kernel::{Scalar, squared_norms};
 
 /// Options of a [`SlowStream`].
@@ -81,7 +81,6 @@ pub struct SlowStream<T: Scalar> {
     moments: Moments,
     retained: VecDeque<Retained<T>>,
     frames: usize,
-    thinnings: Vec<Thinning>,
 }
 
 impl<T: Scalar> SlowStream<T> {
@@ -113,7 +112,6 @@ impl<T: Scalar> SlowStream<T> {
             selection,
             retained: VecDeque::new(),
             frames: 0,
-            thinnings: Vec::new(),
             options,
         })
     }
@@ -134,12 +132,6 @@ impl<T: Scalar> SlowStream<T> {
     /// Features that cannot be computed for the support vectors.
     pub fn adopt(&mut self, features: FeatureMap<T>) -> Result<(), SlowError> {
         Ok(self.selection.adopt(features)?)
-    }
-
-    /// What became of coordinates since the last call, oldest first: weights over earlier coordinates follow by
-    /// [`SlowFeatures::follow`](super::SlowFeatures::follow).
-    pub fn take_thinnings(&mut self) -> Vec<Thinning> {
-        std::mem::take(&mut self.thinnings)
     }
 
     /// Number of frames seen.
@@ -232,7 +224,6 @@ impl<T: Scalar> SlowStream<T> {
                 chunk.v = thinning.apply(chunk.v.as_ref())?;
             }
             block.coordinates = thinning.apply(block.coordinates.as_ref())?;
-            self.thinnings.push(thinning);
         }
         Ok(())
     }
