@@ -37,6 +37,16 @@ fn boyan_chain_with_and_without_its_end() {
     }
 }
 
+/// Without discount LSQ is as good as LSTD where episodes end: with one action, Q is V.
+#[test]
+fn lsq_without_discount() {
+    let (process, basis) = (boyan::process().unwrap(), boyan::basis());
+    let batch = process.expected(basis.as_ref(), |_, _| 1.0).unwrap();
+    let only = Policy::uniform(batch.len(), 1).unwrap();
+    let weights = batch.lspi().unwrap().evaluate(&batch.outcomes(), &only, 1.0, 0.0).unwrap();
+    assert_close(&column(weights.as_ref(), 0), &boyan::WEIGHTS, 1e-9);
+}
+
 /// All 233 episodes of Boyan's chain from the top, each with its probability.
 fn boyan_episodes(process: &FiniteMdp) -> Vec<(f64, Vec<Step>)> {
     let mut open = vec![(1.0, boyan::START, Vec::new())];

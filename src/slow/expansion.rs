@@ -160,12 +160,11 @@ impl Expansion {
     /// # Errors
     /// More than [`MOST_MONOMIALS`].
     pub fn outputs(self, d: usize) -> Result<usize, SlowError> {
-        let wide = d as u128;
+        // There are never fewer monomials than values, and up to here the products can be counted.
+        let wide = d.min(MOST_MONOMIALS + 1) as u128;
         let quadratic = wide * (wide + 3) / 2;
         let count = match self {
             Expansion::Quadratic => quadratic,
-            // Beyond 2⁴⁰ values the product could not be counted; the quadratic part is far too many already.
-            Expansion::Cubic if d >> 40 > 0 => u128::MAX,
             Expansion::Cubic => quadratic + wide * (wide + 1) * (wide + 2) / 6,
         };
         match usize::try_from(count) {
