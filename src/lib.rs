@@ -57,7 +57,8 @@
 //! | §6 outlook | [`value::LspiOptions`], [`value::Smoothing`] |
 //!
 //! Three tutorials stand in `examples/`: `wiskott` (a slow signal hidden in fast ones), `chain_walk` (policy iteration and
-//! how it can fail), `place_cells` (from a video to place cells).
+//! how it can fail), `place_cells` (from a video to place cells); and one measurement, `outlook` (whether the ideas of the
+//! thesis's outlook help policy iteration).
 //!
 //! # Slow features of a stream, without any robot
 //!

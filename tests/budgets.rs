@@ -21,6 +21,10 @@ fn an_automatic_width_gives_the_share_that_was_asked_for() {
         assert!((support_vectors(&run) as f64 - expected).abs() <= 4.0, "{} for {expected}", support_vectors(&run));
         widths.push(report(&run)["dictionary"]["sigma"].as_f64().unwrap());
     }
+    // All frames: the search would end at the noise of the camera, so it is stopped at half the median distance.
+    let run = smoke_run(folder.path(), "all", &["--actions", "40", "--set", "dictionary.sigma_share=1.0"]);
+    let narrowest = report(&run)["dictionary"]["sigma"].as_f64().unwrap();
+    assert!(narrowest < widths[1] && narrowest > 0.1 * widths[1], "{narrowest} after {widths:?}");
     assert!(widths[1] < widths[0], "more support vectors need a narrower kernel: {widths:?}");
 }
 

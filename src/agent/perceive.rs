@@ -2,14 +2,14 @@
 
 use std::sync::Arc;
 
-use faer::Par;
+use faer::{Mat, Par};
 use thiserror::Error;
 
 use super::messages::{Percept, SolveRequest};
 use crate::dictionary::{Ald, DictionaryError, Parameters, Reservoir, Selection, width_for_size};
-use crate::kernel::{Kernel, KernelError};
+use crate::kernel::{Kernel, KernelError, median_distance};
 use crate::policy::columns;
-use crate::scenario::{Scenario, SelectionRule};
+use crate::scenario::{self, Scenario, SelectionRule};
 use crate::slow::{Link, SlowError, SlowStream, StreamOptions};
 use crate::source::{Boundary, Frame};
 use crate::value::{Transition, Window};
@@ -34,6 +34,10 @@ pub enum PerceiveError {
 
 /// How many new support vectors are gathered before retained frames get their coordinates.
 const SETTLE_AT: usize = 128;
+
+/// An automatic width is at least this share of the median distance of the first frames: where a robot stood still for
+/// long, the search for a size would else go down to the noise of the camera.
+const NARROWEST: f64 = 0.5;
 
 /// A frame that waits for its block.
 struct Pending {
@@ -215,16 +219,11 @@ impl Perceive {
     }
 
     /// The stream, with the kernel width of the scenario or of the first frames.
-    fn begin(&self, first: &faer::Mat<f32>) -> Result<SlowStream<f32>, Begin> {
+    fn begin(&self, first: &Mat<f32>) -> Result<SlowStream<f32>, Begin> {
         let settings = &self.scenario.dictionary;
         let sigma = match settings.sigma {
             Some(sigma) => sigma,
-            None => {
-                let share = settings.sigma_share * first.ncols() as f64;
-                let kernel = |sigma| Kernel::radial(sigma, settings.exponent);
-                let target = (share.round() as usize).max(1);
-                width_for_size(first.as_ref(), settings.nu, target, kernel, Par::Seq)?.sigma
-            }
+            None => automatic_width(first, settings)?,
         };
         let (kernel, budget, par) = (Kernel::radial(sigma, settings.exponent)?, settings.budget, Par::Seq);
         let selection: Box<dyn Selection<f32>> = match settings.selection {
@@ -241,6 +240,20 @@ impl Perceive {
         };
         Ok(SlowStream::from_boxed(selection, options)?)
     }
+}
+
+/// The width at which the scenario's share of the first frames become support vectors, but not below [`NARROWEST`].
+fn automatic_width(first: &Mat<f32>, settings: &scenario::Dictionary) -> Result<f64, Begin> {
+    let median = median_distance(first.as_ref())?;
+    let target = ((settings.sigma_share * first.ncols() as f64).round() as usize).max(1);
+    let kernel = |sigma| Kernel::radial(sigma, settings.exponent);
+    let width = match width_for_size(first.as_ref(), settings.nu, target, kernel, Par::Seq) {
+        Ok(found) => found.sigma,
+        // So many frames do not differ at all.
+        Err(DictionaryError::Target { .. }) => 0.0,
+        Err(other) => return Err(other.into()),
+    };
+    Ok(width.max(NARROWEST * median))
 }
 
 /// Why the stream could not begin.

@@ -19,8 +19,8 @@ pub struct WidthForSize {
 
 /// The bracket grows by this factor.
 const STEP: f64 = 1.5;
-/// The bracket grows at most this often to each side: to widths 10⁷ times the median distance, and its 10⁷th part.
-const STEPS: usize = 40;
+/// The bracket grows at most this often to each side: to widths of 3000 median distances, and the 3000th part of one.
+const STEPS: usize = 20;
 /// The search ends when the ends of the bracket differ by less than this share.
 const RESOLUTION: f64 = 1e-4;
 /// Observations that are judged together.

@@ -178,7 +178,8 @@ pub struct Dictionary {
     pub selection: SelectionRule,
     /// Exponent of the radial kernel.
     pub exponent: f64,
-    /// Kernel width in grey levels; `None`: the one at which `sigma_share` of the first frames become support vectors.
+    /// Kernel width in grey levels; `None`: the one at which `sigma_share` of the first frames become support vectors,
+    /// but at least half of their median distance.
     pub sigma: Option<f64>,
     /// With an automatic width: the share of the first frames that become support vectors.
     pub sigma_share: f64,
@@ -567,7 +568,7 @@ impl Dictionary {
                 0.65,
                 "",
                 Range::above(0.0, 1.0),
-                "sigma = \"auto\": the width at which this share of the first frames become support vectors",
+                "sigma = \"auto\": the width (at least half the median distance) at which this share of the first frames become support vectors",
             ),
             sigma_frames: s.count("sigma_frames", 1000, "frames", 2, 5000, "sigma = \"auto\": first frames"),
             nu: s.number("nu", 0.01, "", Range::above(0.0, 0.999), "a frame is accepted when its residual is above"),
