@@ -5,8 +5,11 @@
 //! A "rat" runs slowly through the lab's room and turns its head quickly. What varies slowly in its pictures is then where
 //! it is, and not where it looks (Franzius, Sprekeler & Wiskott 2007; thesis §4.2.3). The steps:
 //!
-//! 1. render the video; 2. kernel SFA as a stream; 3. compare with the optimal responses of theory; 4. independent
-//! components of the slowest features: each is active in one part of the room only; 5. draw both over the room.
+//! 1. render the video,
+//! 2. kernel SFA, as a stream,
+//! 3. compare with the optimal responses of theory,
+//! 4. independent components of the slowest features: each is active in one part of the room only,
+//! 5. draw both over the room.
 
 use std::error::Error;
 use std::f64::consts::TAU;
