@@ -237,18 +237,24 @@ fn inverted_pendulum_is_balanced_after_a_thousand_random_episodes() {
     }
 }
 
+/// Features before and after, actions and rewards of 24 random samples with 6 features and 2 actions.
+fn random_samples(seed: u64) -> (Mat<f64>, Mat<f64>, Vec<usize>, Vec<f64>) {
+    let mut rng = generator(seed);
+    let (f, n) = (6, 24);
+    let phi = Mat::from_fn(f, n, |_, _| rng.random_range(-1.0..1.0));
+    let next = Mat::from_fn(f, n, |_, _| rng.random_range(-1.0..1.0));
+    let actions = (0..n).map(|_| rng.random_range(0..2)).collect();
+    let rewards = (0..n).map(|_| rng.random_range(-1.0..1.0)).collect();
+    (phi, next, actions, rewards)
+}
+
 #[test]
 fn a_circle_of_greedy_policies_is_found() {
     // Random features over few transitions make plain LSPI run in circles for some seeds.
     let mut circles = 0;
     for seed in 0..200 {
-        let mut rng = generator(seed);
-        let (f, n) = (6, 24);
-        let phi = Mat::from_fn(f, n, |_, _| rng.random_range(-1.0..1.0));
-        let next = Mat::from_fn(f, n, |_, _| rng.random_range(-1.0..1.0));
-        let actions: Vec<usize> = (0..n).map(|_| rng.random_range(0..2)).collect();
-        let rewards: Vec<f64> = (0..n).map(|_| rng.random_range(-1.0..1.0)).collect();
-        let weights = vec![1.0; n];
+        let (phi, next, actions, rewards) = random_samples(seed);
+        let weights = vec![1.0; actions.len()];
         let data = Samples { phi: phi.as_ref(), actions: &actions, weights: &weights };
         let problem = Lspi::new(data, 2, Par::Seq).unwrap();
         let options = LspiOptions { gamma: 0.95, ..LspiOptions::default() };
@@ -265,13 +271,8 @@ fn a_circle_of_greedy_policies_is_found() {
 fn the_length_of_a_circle_is_the_number_of_policies_in_it() {
     let mut circles = 0;
     for seed in 0..200 {
-        let mut rng = generator(seed);
-        let (f, n) = (6, 24);
-        let phi = Mat::from_fn(f, n, |_, _| rng.random_range(-1.0..1.0));
-        let next = Mat::from_fn(f, n, |_, _| rng.random_range(-1.0..1.0));
-        let actions: Vec<usize> = (0..n).map(|_| rng.random_range(0..2)).collect();
-        let rewards: Vec<f64> = (0..n).map(|_| rng.random_range(-1.0..1.0)).collect();
-        let data = Samples { phi: phi.as_ref(), actions: &actions, weights: &vec![1.0; n] };
+        let (phi, next, actions, rewards) = random_samples(seed);
+        let data = Samples { phi: phi.as_ref(), actions: &actions, weights: &vec![1.0; actions.len()] };
         let problem = Lspi::new(data, 2, Par::Seq).unwrap();
         let outcomes = Outcomes { next: next.as_ref(), rewards: &rewards, allowed: None };
         let options = LspiOptions { gamma: 0.95, ..LspiOptions::default() };

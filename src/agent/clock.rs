@@ -33,6 +33,7 @@ impl Clock {
     /// No durations yet.
     pub fn new() -> Self {
         // These bounds are valid: 1 ≤ low, 2 low ≤ high, at most 5 digits.
+        // The crate asks for low ≥ 1, high ≥ 2·low and at most 5 digits.
         Clock(Histogram::new_with_bounds(1, 3_600_000_000, 3).expect("valid bounds"))
     }
 
