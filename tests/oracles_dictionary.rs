@@ -4,7 +4,7 @@ mod common;
 
 use adagio::dictionary::{Ald, Dictionary, DictionaryError, Selection};
 use adagio::kernel::Kernel;
-use common::{ald, parameters, random_path, relative_difference};
+use common::{ald, condition, parameters, random_path, relative_difference};
 use faer::{Mat, Par, Side};
 use proptest::prelude::*;
 
@@ -161,9 +161,7 @@ proptest! {
         let members = Mat::from_fn(d, single.0.len(), |i, j| x[(i, single.0[j])]);
         let mut dictionary = Dictionary::new(Kernel::gaussian(0.25).unwrap(), budget, Par::Seq);
         dictionary.grow(members.as_ref(), |_, _| true).unwrap();
-        let singular = dictionary.factor().svd().unwrap();
-        let condition = singular.S()[0] / singular.S()[single.0.len() - 1];
-        let tolerance = 1e-9f64.max(f64::EPSILON * condition * condition);
+        let tolerance = 1e-9f64.max(f64::EPSILON * condition(&dictionary));
         let difference = relative_difference(blocks.1.as_ref(), single.1.as_ref());
         prop_assert!(difference < tolerance, "{difference} beyond {tolerance}");
     }

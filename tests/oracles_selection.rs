@@ -8,7 +8,9 @@ use adagio::dictionary::{
 };
 use adagio::kernel::Kernel;
 use adagio::slow::{SlowModel, SlowStream, StreamOptions, solve};
-use common::{ald, assert_same_moments, batch_moments, parameters, random_links, random_path, relative_difference};
+use common::{
+    ald, assert_same_moments, batch_moments, condition, parameters, random_links, random_path, relative_difference,
+};
 use faer::{Mat, MatRef, Par, Side};
 use proptest::prelude::*;
 
@@ -406,19 +408,25 @@ proptest! {
         let features = solve(stream.settled_moments().unwrap(), 3, 1e-6, None).unwrap();
         let old = stream.dictionary().clone();
         let model = SlowModel::new(&old, &features).unwrap();
-        prop_assert!(relative_difference(model.weights_over(&old).unwrap().as_ref(), features.weights.as_ref()) < 1e-6);
+        let difference = relative_difference(model.weights_over(&old).unwrap().as_ref(), features.weights.as_ref());
+        // A solve with the factor and one back: rounding passes through both. A random sample, which has no ν, can be nearly
+        // singular.
+        let tolerance = |dictionary| 1e-9f64.max(f64::EPSILON * condition(dictionary));
+        prop_assert!(difference < tolerance(&old), "{difference} beyond {}", tolerance(&old));
+
         let before = features.weights.transpose() * old.coordinates(old.members()).unwrap();
         for t in 300..400 {
             stream.push(x.as_ref().subcols(t, 1), &links[t..=t]).unwrap();
         }
         let new = stream.dictionary();
         let after = model.weights_over(new).unwrap().transpose() * new.coordinates(new.members()).unwrap();
+        let allowed = tolerance(&old).max(tolerance(new));
         let mut stayed = 0;
         for (place, serial) in new.serials().iter().enumerate() {
             if let Ok(was) = old.serials().binary_search(serial) {
                 for j in 0..3 {
                     let (before, after) = (before[(j, was)], after[(j, place)]);
-                    prop_assert!((before - after).abs() < 1e-7 * before.abs().max(1.0), "{before} is {after} now");
+                    prop_assert!((before - after).abs() < allowed * before.abs().max(1.0), "{before} is {after} now");
                 }
                 stayed += 1;
             }

@@ -10,7 +10,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde_json::Value;
 
-use adagio::dictionary::{Ald, Parameters, WhenFull};
+use adagio::dictionary::{Ald, Dictionary, Parameters, WhenFull};
 use adagio::kernel::Kernel;
 use adagio::slow::{Link, Moments};
 
@@ -88,6 +88,12 @@ pub fn correlation(a: &[f64], b: &[f64]) -> f64 {
 pub fn relative_difference(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> f64 {
     assert_eq!((a.nrows(), a.ncols()), (b.nrows(), b.ncols()));
     (a - b).norm_max() / b.norm_max()
+}
+
+/// Condition of a dictionary's kernel matrix, the square of that of its factor: rounding passes through solves with it.
+pub fn condition(dictionary: &Dictionary<f64>) -> f64 {
+    let singular = dictionary.factor().svd().unwrap();
+    (singular.S()[0] / singular.S()[dictionary.len() - 1]).powi(2)
 }
 
 /// A file of this package.
