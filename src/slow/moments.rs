@@ -36,15 +36,15 @@ pub const MOST_COORDINATES: usize = 1 << 16;
 #[derive(Debug, Clone)]
 pub struct Moments {
     /// Weighted number of frames.
-    frames: f64,
+    pub(super) frames: f64,
     /// `Σv`, `m × 1`.
-    sum: Mat<f64>,
+    pub(super) sum: Mat<f64>,
     /// Lower triangle of `Σvvᵀ`, `m × m`.
-    square: Mat<f64>,
+    pub(super) square: Mat<f64>,
     /// `Σg`.
-    links: f64,
+    pub(super) links: f64,
     /// Lower triangle of `Σ g·v̇v̇ᵀ`, `m × m`.
-    derivative: Mat<f64>,
+    pub(super) derivative: Mat<f64>,
     par: Par,
 }
 
