@@ -139,6 +139,34 @@ fn check_prints_a_complete_scenario_that_means_the_same() {
 }
 
 #[test]
+fn a_scenario_that_needs_too_much_memory_is_refused_with_numbers_or_shrunk() {
+    let folder = tempfile::tempdir().unwrap();
+    let small = ["--set", "dictionary.budget=2000", "--set", "agent.memory_gb=0.1"];
+    let check = |more: &[&str]| adagio(folder.path(), &[&["check", &smoke()], &small[..], more].concat());
+    let refused = check(&[]);
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(refused.stdout.is_empty());
+    let text = stderr(&refused);
+    assert!(text.contains("dictionary.budget = 2000 needs ") && text.contains("allows 0.1 GB"), "{text}");
+    let largest = text.trim_end().trim_end_matches(']').rsplit(' ').next().unwrap();
+    // What it names is the largest that is accepted.
+    let next = (largest.parse::<usize>().unwrap() + 1).to_string();
+    for (budget, code) in [(largest, 0), (&next, 2)] {
+        let set = format!("dictionary.budget={budget}");
+        assert_eq!(check(&["--set", &set]).status.code(), Some(code), "{budget}");
+    }
+    let shrunk = check(&["--set", "agent.over_memory=shrink"]);
+    assert_eq!(shrunk.status.code(), Some(0));
+    assert!(stderr(&shrunk).contains("warning: "), "{}", stderr(&shrunk));
+    assert!(stdout(&shrunk).contains(&format!("\nbudget = {largest} ")), "{}", stdout(&shrunk));
+    // Frames alone can be too many for any budget.
+    let frames = ["--set", "agent.memory_gb=0.001", "--set", "agent.over_memory=shrink"];
+    let hopeless = check(&frames);
+    assert_eq!(hopeless.status.code(), Some(2));
+    assert!(stderr(&hopeless).contains("retain fewer frames"), "{}", stderr(&hopeless));
+}
+
+#[test]
 fn evaluate_repeats_the_report_from_the_folder_and_from_the_log_alone() {
     let folder = tempfile::tempdir().unwrap();
     let run = smoke_run(folder.path(), "run", &[]);

@@ -4,7 +4,15 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::thread::{Builder, Scope, ScopedJoinHandle};
 
+use faer::Par;
+
 use super::run::RunError;
+use crate::scenario;
+
+/// Threads for the matrix products of an actor. Their bits do not depend on it.
+pub fn parallelism(settings: &scenario::Agent) -> Par {
+    if settings.threads > 1 { Par::rayon(settings.threads) } else { Par::Seq }
+}
 
 /// Starts actors; the first error of any of them is kept.
 pub struct Crew<'scope, 'env> {

@@ -82,7 +82,8 @@ pub fn perceive(
             }
             sent = sent.and_then(|()| percepts.put(percept));
         }
-        let learned = perceive.learn()?;
+        // Lockstep asks for models at fixed frames and waits if it must; otherwise a busy solver never stops the stream.
+        let learned = perceive.learn(scenario.agent.mode == Mode::Lockstep || solve.has_room())?;
         done.frames += 1;
         if sent.and_then(|()| deliver(learned, &mut done, solve, record, status)).is_err() {
             return Ok(done);

@@ -18,6 +18,7 @@ mod clock;
 mod crew;
 mod fit;
 mod loops;
+mod memory;
 mod messages;
 mod perceive;
 mod queue;
@@ -28,5 +29,6 @@ mod status;
 
 pub use checkpoint::{CHECKPOINT_NAME, CheckpointError, read_checkpoint};
 pub use clock::Timing;
+pub use memory::{Memory, machine_memory};
 pub use run::{CurvePoint, Outcome, RunError, RunOptions, run};
 pub use status::{Snapshot, Status, peak_resident_bytes};

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use faer::{Mat, Par};
 use thiserror::Error;
 
+use super::crew::parallelism;
 use super::messages::{Percept, SolveRequest};
 use crate::dictionary::{Ald, DictionaryError, Parameters, Reservoir, Selection, width_for_size};
 use crate::kernel::{Kernel, KernelError, median_distance};
@@ -70,6 +71,7 @@ pub struct Learning {
 /// Vision, dictionary, moments and window.
 pub struct Perceive {
     scenario: Arc<Scenario>,
+    par: Par,
     stream: Option<SlowStream<f32>>,
     pending: Vec<Pending>,
     window: Window<Arc<Observation>>,
@@ -77,6 +79,8 @@ pub struct Perceive {
     /// The observation before the action that is going on, and its cell.
     last_boundary: Option<(Arc<Observation>, usize)>,
     asked: Vec<u64>,
+    /// Whether a model is due that was not asked for yet.
+    owed: bool,
     last_request: Option<u64>,
     frames: u64,
     stamp_ns: u64,
@@ -87,12 +91,14 @@ impl Perceive {
     pub fn new(scenario: Arc<Scenario>) -> Self {
         Perceive {
             window: Window::new(scenario.value.window),
+            par: parallelism(&scenario.agent),
             scenario,
             stream: None,
             pending: Vec::new(),
             last_number: None,
             last_boundary: None,
             asked: Vec::new(),
+            owed: false,
             last_request: None,
             frames: 0,
             stamp_ns: 0,
@@ -129,9 +135,12 @@ impl Perceive {
         (observation, percept)
     }
 
-    /// Learn from what was seen, when a block is full or a model is due.
-    pub fn learn(&mut self) -> Result<Learning, PerceiveError> {
-        let due = self.request_is_due();
+    /// Learn from what was seen, when a block is full or a model is due. A model that is due, but may not be asked for now,
+    /// is asked for as soon as it may.
+    pub fn learn(&mut self, may_ask: bool) -> Result<Learning, PerceiveError> {
+        self.owed |= self.request_is_due();
+        let due = self.owed && may_ask;
+        self.owed &= !due;
         let gathering = self.stream.is_none() && self.scenario.dictionary.sigma.is_none();
         let block =
             if gathering { self.scenario.dictionary.sigma_frames } else { self.scenario.dictionary.block_frames };
@@ -223,9 +232,9 @@ impl Perceive {
         let settings = &self.scenario.dictionary;
         let sigma = match settings.sigma {
             Some(sigma) => sigma,
-            None => automatic_width(first, settings)?,
+            None => automatic_width(first, settings, self.par)?,
         };
-        let (kernel, budget, par) = (Kernel::radial(sigma, settings.exponent)?, settings.budget, Par::Seq);
+        let (kernel, budget, par) = (Kernel::radial(sigma, settings.exponent)?, settings.budget, self.par);
         let selection: Box<dyn Selection<f32>> = match settings.selection {
             SelectionRule::Ald => {
                 let (nu, when_full) = (settings.nu, settings.when_full);
@@ -243,11 +252,11 @@ impl Perceive {
 }
 
 /// The width at which the scenario's share of the first frames become support vectors, but not below [`NARROWEST`].
-fn automatic_width(first: &Mat<f32>, settings: &scenario::Dictionary) -> Result<f64, Begin> {
+fn automatic_width(first: &Mat<f32>, settings: &scenario::Dictionary, par: Par) -> Result<f64, Begin> {
     let median = median_distance(first.as_ref())?;
     let target = ((settings.sigma_share * first.ncols() as f64).round() as usize).max(1);
     let kernel = |sigma| Kernel::radial(sigma, settings.exponent);
-    let width = match width_for_size(first.as_ref(), settings.nu, target, kernel, Par::Seq) {
+    let width = match width_for_size(first.as_ref(), settings.nu, target, kernel, par) {
         Ok(found) => found.sigma,
         // So many frames do not differ at all.
         Err(DictionaryError::Target { .. }) => 0.0,

@@ -53,6 +53,11 @@ impl<T> Clone for Outbox<T> {
 }
 
 impl<T> Outbox<T> {
+    /// Whether a message could be put in now without waiting. Of several senders another may be faster.
+    pub fn has_room(&self) -> bool {
+        !self.sender.is_full()
+    }
+
     /// Put a message in, waiting for room.
     pub fn put(&self, message: T) -> Result<(), Closed> {
         self.depth.fetch_add(1, Ordering::Relaxed);

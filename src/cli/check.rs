@@ -1,15 +1,15 @@
 //! `adagio check SCENARIO|RUN`
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
 
 use serde::Serialize;
 
 use super::{CheckArgs, Ending, folder, print, print_json, run::load};
-use crate::dictionary::WhenFull;
+use crate::agent::{Memory, machine_memory};
 use crate::log::{Ending as LogEnding, LogSummary, summarise};
 use crate::report::Numbered;
-use crate::scenario::{Scenario, SelectionRule};
 
 /// Check a scenario, or the logs of a run.
 pub fn check(args: &CheckArgs) -> Ending {
@@ -25,28 +25,12 @@ struct Sizes {
     sha256: String,
     /// Bytes of all matrices of learning at full size.
     memory_bytes: u64,
+    /// The parts of that.
+    memory_parts: BTreeMap<&'static str, u64>,
+    /// Bytes that this machine has; none where it does not say.
+    machine_memory_bytes: Option<u64>,
     /// Length of the run, frames.
     frames: u64,
-}
-
-/// Bytes of all matrices of learning at full size, with m = budget, d = values of an observation, r = retained frames,
-/// k = features, N = window: dictionary `8m² + 4md` and moments `16m²`, twice while a request is on its way; retained frames
-/// `r(8m + 4d)`; the solver's `48m²`; the window `N(d + 24k)` and policy iteration `72k²`. The process holds more than that:
-/// images, queues, copies on the way, and what the allocator keeps (the lab peaks at two and a half times this).
-fn memory_bytes(s: &Scenario) -> u64 {
-    // Where members can leave, a block may exceed the budget before they do.
-    let exceeds = s.dictionary.selection != SelectionRule::Ald || s.dictionary.when_full != WhenFull::Stop;
-    let m = (s.dictionary.budget + if exceeds { s.dictionary.block_frames } else { 0 }) as u64;
-    let d = 3 * (s.vision.width * s.vision.height) as u64;
-    let r = s.dictionary.retained_frames.min(s.actions.saturating_mul(s.robot.frames_per_action)) as u64;
-    let (k, n) = (s.slow.features as u64 + 1, s.value.window.min(s.actions) as u64);
-    let square = 8 * m * m;
-    let dictionary = square + 4 * m * d;
-    let moments = 2 * square;
-    let retained = r * (8 * m + 4 * d);
-    let solver = 6 * square;
-    let window = n * (d + 3 * 8 * k) + 9 * 8 * k * k;
-    2 * (dictionary + moments) + retained + solver + window
 }
 
 fn scenario(args: &CheckArgs) -> Ending {
@@ -54,21 +38,27 @@ fn scenario(args: &CheckArgs) -> Ending {
         Ok(scenario) => scenario,
         Err(ending) => return ending,
     };
+    let memory = Memory::of(&scenario);
     let sizes = Sizes {
         valid: true,
         name: scenario.name.clone(),
         sha256: scenario.sha256(),
-        memory_bytes: memory_bytes(&scenario),
+        memory_bytes: memory.total(),
+        memory_parts: memory.parts.iter().copied().collect(),
+        machine_memory_bytes: machine_memory(),
         frames: (scenario.actions * scenario.robot.frames_per_action) as u64 + 1,
     };
     if args.json {
         return print_json(&sizes);
     }
+    let parts: Vec<String> =
+        memory.parts.iter().map(|(name, bytes)| format!("{name} {:.0}", *bytes as f64 / 1e6)).collect();
     eprintln!(
-        "{} is valid: {} frames; matrices of {:.0} MB at full size",
+        "{} is valid: {} frames; matrices of {:.0} MB at full size: {}",
         args.target.display(),
         Numbered(sizes.frames),
-        sizes.memory_bytes as f64 / 1e6
+        sizes.memory_bytes as f64 / 1e6,
+        parts.join(", ")
     );
     print(&scenario.text)
 }

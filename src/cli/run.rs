@@ -7,11 +7,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use super::{Ending, RunArgs, folder, print, print_json, progress};
-use crate::agent::{self, CHECKPOINT_NAME, Outcome, RunOptions, Status};
+use crate::agent::{self, CHECKPOINT_NAME, Memory, Outcome, RunOptions, Status};
 use crate::evaluate::{Evaluator, decode_pose};
 use crate::log::{LogOptions, LogWriter};
 use crate::report::{OVERVIEW_NAME, Program, Report, overview, table};
-use crate::scenario::{Scenario, ScenarioError};
+use crate::scenario::{OverMemory, Scenario, ScenarioError};
 use crate::source::Simulated;
 use crate::world::World;
 
@@ -35,9 +35,54 @@ pub fn run(args: &RunArgs, stop: &AtomicBool) -> Ending {
     }
 }
 
-/// Read a scenario; a file that cannot be read, or is not valid, is wrong usage.
+/// Read a scenario; a file that cannot be read, or is not valid, or needs more memory than there is, is wrong usage.
+///
+/// Where the scenario says so, its budget is lowered to what fits instead: the scenario that is returned, and kept in
+/// the run's folder, is the one with the lower budget.
 pub fn load(path: &Path, sets: &[String]) -> Result<Scenario, Ending> {
-    Scenario::load(path, sets).map_err(|error: ScenarioError| Ending::Usage(error.to_string()))
+    let read =
+        |sets: &[String]| Scenario::load(path, sets).map_err(|error: ScenarioError| Ending::Usage(error.to_string()));
+    let scenario = read(sets)?;
+    let allowed = scenario.agent.memory_gb.map(|gigabytes| (1e9 * gigabytes) as u64).or_else(agent::machine_memory);
+    let (needed, Some(allowed)) = (Memory::of(&scenario).total(), allowed) else { return Ok(scenario) };
+    if needed <= allowed {
+        return Ok(scenario);
+    }
+    let what = format!(
+        "{}: dictionary.budget = {} needs {:.1} GB at its full size, agent.memory_gb allows {:.1} GB",
+        path.display(),
+        scenario.dictionary.budget,
+        needed as f64 / 1e9,
+        allowed as f64 / 1e9
+    );
+    let Some(budget) = largest_budget(&scenario, allowed) else {
+        return Err(Ending::Usage(format!(
+            "{what}: no budget of at least {SMALLEST_BUDGET} fits; retain fewer frames"
+        )));
+    };
+    if scenario.agent.over_memory == OverMemory::Refuse {
+        return Err(Ending::Usage(format!("{what}: the budget must be in [{SMALLEST_BUDGET}, {budget}]")));
+    }
+    let features = scenario.slow.features.min(budget);
+    eprintln!("warning: {what}: it is lowered to {budget}, with {features} features");
+    let mut sets = sets.to_vec();
+    sets.extend([format!("dictionary.budget={budget}"), format!("slow.features={features}")]);
+    read(&sets)
+}
+
+/// The smallest budget that a scenario may have.
+const SMALLEST_BUDGET: usize = 10;
+
+/// The largest budget of a scenario that needs no more than `allowed` bytes.
+fn largest_budget(scenario: &Scenario, allowed: u64) -> Option<usize> {
+    let fits = |budget: usize| {
+        let mut smaller = scenario.clone();
+        smaller.dictionary.budget = budget;
+        smaller.slow.features = scenario.slow.features.min(budget);
+        Memory::of(&smaller).total() <= allowed
+    };
+    let budgets: Vec<usize> = (SMALLEST_BUDGET..=scenario.dictionary.budget).collect();
+    budgets.partition_point(|&budget| fits(budget)).checked_sub(1).map(|last| budgets[last])
 }
 
 fn in_folder(scenario: &Arc<Scenario>, run: &Path, args: &RunArgs, stop: &AtomicBool) -> Result<Report, String> {

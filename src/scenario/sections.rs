@@ -270,6 +270,15 @@ pub enum Mode {
     Realtime,
 }
 
+/// What to do where a run would need more memory than there is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum OverMemory {
+    /// Refuse the scenario.
+    Refuse,
+    /// Lower the budget of support vectors, and the number of features with it, to what fits.
+    Shrink,
+}
+
 /// `[agent]`
 #[derive(Debug, Clone, PartialEq)]
 pub struct Agent {
@@ -281,6 +290,12 @@ pub struct Agent {
     pub latency_frames: usize,
     /// Capacity of the queues between actors, messages.
     pub queue: usize,
+    /// Threads for each matrix product; results do not depend on them.
+    pub threads: usize,
+    /// Most memory that a run may need, GB; `None`: what the machine has.
+    pub memory_gb: Option<f64>,
+    /// What to do where a run would need more.
+    pub over_memory: OverMemory,
 }
 
 /// `[evaluate]`
@@ -711,6 +726,26 @@ impl Agent {
                 "from request to effect (lockstep)",
             ),
             queue: s.count("queue", 64, "messages", 1, 65_536, "capacity of the queues between actors"),
+            threads: s.count(
+                "threads",
+                1,
+                "",
+                1,
+                256,
+                "for each matrix product, of the stream and of the solvers beside it; results do not depend on it",
+            ),
+            memory_gb: s.number_or_auto(
+                "memory_gb",
+                "GB",
+                Range::above(0.0, 1e6),
+                "most memory; auto: what the machine has",
+            ),
+            over_memory: s.choice(
+                "over_memory",
+                0,
+                &[("refuse", OverMemory::Refuse), ("shrink", OverMemory::Shrink)],
+                "a scenario that needs more is refused, or its budget of support vectors is lowered",
+            ),
         }
     }
 }
