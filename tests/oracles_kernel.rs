@@ -114,6 +114,54 @@ fn a_kernel_is_stored_as_its_form_and_an_invalid_form_is_not_read() {
     assert!(error.contains("exponent = 3"), "{error}");
 }
 
+/// Whole numbers, whose products are exact: so block and single value see the same numbers.
+fn pixels(d: usize, n: usize, seed: u64) -> Mat<f32> {
+    let mut rng = generator(seed);
+    Mat::from_fn(d, n, |_, _| f32::from(rng.random_range(-60i8..60)))
+}
+
+/// More observations than one tile holds, in both directions.
+#[test]
+fn a_block_has_the_bits_of_single_values_on_any_number_of_threads() {
+    let (s, x) = (pixels(48, 1100, 1), pixels(48, 530, 2));
+    let (ns, nx) = (squared_norms(s.as_ref()), squared_norms(x.as_ref()));
+    for kernel in [
+        Kernel::gaussian(150.0),
+        Kernel::gaussian(5.0),
+        Kernel::laplacian(200.0),
+        Kernel::radial(200.0, 1.3),
+        Kernel::polynomial(3, 2.0),
+        Kernel::normalised_polynomial(4),
+        Ok(Kernel::linear()),
+    ] {
+        let kernel = kernel.unwrap();
+        let block = kernel.matrix(s.as_ref(), &ns, x.as_ref(), &nx, Par::Seq).unwrap();
+        for threads in 1..5 {
+            let again = kernel.matrix(s.as_ref(), &ns, x.as_ref(), &nx, Par::rayon(threads)).unwrap();
+            assert!(block == again, "{kernel} on {threads} threads");
+        }
+        for (i, j) in [(0, 0), (511, 511), (512, 512), (1099, 529), (700, 3), (5, 528)] {
+            let product: f32 = (0..48).map(|r| s[(r, i)] * x[(r, j)]).sum();
+            assert_eq!(block[(i, j)], kernel.value(f64::from(product), ns[i], nx[j]), "{kernel} at ({i}, {j})");
+        }
+    }
+}
+
+/// What is narrower than the smallest normal number is 0, and an observation is as near to itself as can be.
+#[test]
+fn the_far_and_the_near_end_of_a_radial_kernel_are_exact() {
+    let x = pixels(48, 40, 3);
+    let norms = squared_norms(x.as_ref());
+    for kernel in [Kernel::gaussian(0.5), Kernel::laplacian(0.5), Kernel::radial(0.01, 0.9)].map(Result::unwrap) {
+        let k = kernel.matrix(x.as_ref(), &norms, x.as_ref(), &norms, Par::Seq).unwrap();
+        for j in 0..40 {
+            assert_eq!(k[(j, j)], 1.0);
+        }
+    }
+    let narrow = Kernel::gaussian(0.5).unwrap().matrix(x.as_ref(), &norms, x.as_ref(), &norms, Par::Seq).unwrap();
+    assert_eq!(narrow[(0, 1)], 0.0);
+}
+
 fn valid_kernels() -> impl Strategy<Value = Kernel> {
     prop_oneof![
         Just(Kernel::linear()),

@@ -5,6 +5,7 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 
 use super::error::KernelError;
+use super::exponential::exp_of_negative;
 
 /// A positive definite kernel `k(x, x′)`.
 ///
@@ -184,20 +185,16 @@ impl Kernel {
     pub fn value(&self, product: f64, left_norm: f64, right_norm: f64) -> f64 {
         match self.form {
             Form::Linear => product,
-            Form::Polynomial { degree, offset } => (product + offset).powi(degree as i32),
-            Form::NormalisedPolynomial { degree } => {
-                if left_norm == 0.0 || right_norm == 0.0 {
-                    return 0.0;
-                }
-                let cosine = product / (left_norm.sqrt() * right_norm.sqrt());
-                cosine.clamp(-1.0, 1.0).powi(degree as i32)
+            Form::Polynomial { degree, offset } => polynomial(product, degree, offset),
+            Form::NormalisedPolynomial { degree } => normalised_polynomial(product, left_norm, right_norm, degree),
+            Form::Radial { sigma, exponent } if exponent == 2.0 => {
+                gaussian(product, left_norm, right_norm, 2.0 * sigma * sigma)
+            }
+            Form::Radial { sigma, exponent } if exponent == 1.0 => {
+                laplacian(product, left_norm, right_norm, 2.0 * sigma * sigma)
             }
             Form::Radial { sigma, exponent } => {
-                let (norms, squared) = (left_norm + right_norm, left_norm + right_norm - 2.0 * product);
-                // Below an exponent of 2, rounding of a zero distance is not small any more after the root: it counts
-                // as zero.
-                let rounding = exponent < 2.0 && squared < DISTANCE_ROUNDING * norms;
-                at_squared_distance(if rounding { 0.0 } else { squared }, sigma, exponent)
+                radial(product, left_norm, right_norm, 2.0 * sigma * sigma, 0.5 * exponent)
             }
         }
     }
@@ -254,19 +251,49 @@ fn check_degree(degree: u32) -> Result<(), KernelError> {
     if degree == 0 || i32::try_from(degree).is_err() { Err(KernelError::Degree(degree)) } else { Ok(()) }
 }
 
-/// A radial kernel at a squared distance; rounding below zero counts as zero.
-#[inline]
-fn at_squared_distance(squared: f64, sigma: f64, exponent: f64) -> f64 {
+// The formulas, each a function of the product and the norms, without branches where vectors matter. `Kernel::value` and
+// `Kernel::matrix` both come here, so one value and a block of them have the same bits.
+
+#[inline(always)]
+pub(super) fn polynomial(product: f64, degree: u32, offset: f64) -> f64 {
+    (product + offset).powi(degree as i32)
+}
+
+#[inline(always)]
+pub(super) fn normalised_polynomial(product: f64, left_norm: f64, right_norm: f64, degree: u32) -> f64 {
+    if left_norm == 0.0 || right_norm == 0.0 {
+        return 0.0;
+    }
+    let cosine = product / (left_norm.sqrt() * right_norm.sqrt());
+    cosine.clamp(-1.0, 1.0).powi(degree as i32)
+}
+
+/// `scale` is 2σ².
+#[inline(always)]
+pub(super) fn gaussian(product: f64, left_norm: f64, right_norm: f64, scale: f64) -> f64 {
+    let squared = left_norm + right_norm - 2.0 * product;
     // Not f64::max, which would make zero of a NaN, and so an unusable observation equal to every other.
     let squared = if squared < 0.0 { 0.0 } else { squared };
-    let scaled = squared / (2.0 * sigma * sigma);
-    if exponent == 2.0 {
-        (-scaled).exp()
-    } else if exponent == 1.0 {
-        (-scaled.sqrt()).exp()
-    } else {
-        (-scaled.powf(0.5 * exponent)).exp()
-    }
+    exp_of_negative(-(squared / scale))
+}
+
+/// `scale` is 2σ².
+#[inline(always)]
+pub(super) fn laplacian(product: f64, left_norm: f64, right_norm: f64, scale: f64) -> f64 {
+    exp_of_negative(-(squared_distance(product, left_norm, right_norm) / scale).sqrt())
+}
+
+/// `scale` is 2σ², `half` half of the exponent.
+#[inline(always)]
+pub(super) fn radial(product: f64, left_norm: f64, right_norm: f64, scale: f64, half: f64) -> f64 {
+    exp_of_negative(-(squared_distance(product, left_norm, right_norm) / scale).powf(half))
+}
+
+/// For exponents below 2, where rounding of a zero distance is not small any more after the root: it counts as zero.
+#[inline(always)]
+fn squared_distance(product: f64, left_norm: f64, right_norm: f64) -> f64 {
+    let (norms, squared) = (left_norm + right_norm, left_norm + right_norm - 2.0 * product);
+    if squared < DISTANCE_ROUNDING * norms { 0.0 } else { squared }
 }
 
 #[cfg(test)]
