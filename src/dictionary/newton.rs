@@ -1,10 +1,12 @@
 //! The dictionary itself: support vectors, the Cholesky factor of their kernel matrix, and Newton coordinates.
 
+use std::ops::Range;
+
 use faer::linalg::matmul::matmul;
-use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::{Accum, Mat, MatRef, Par};
 
 use super::DictionaryError;
+use crate::kernel::products::solve_lower;
 use crate::kernel::{self, Kernel, KernelError, Scalar, squared_norms};
 
 /// What a block of observations did.
@@ -93,7 +95,8 @@ impl Thinning {
 ///
 /// A block of observations costs one matrix product and one triangular solve; what the block's own members do to each
 /// other is settled by a partial Cholesky factorisation of the block's Schur complement, in the order of the observations.
-/// It accepts exactly what handling them one after the other accepts.
+/// Of that complement only the part behind accepted observations is ever computed. It accepts exactly what handling them
+/// one after the other accepts.
 ///
 /// Support vectors can leave again ([`Dictionary::keep`]). The Newton coordinates of the smaller set are an orthogonal
 /// projection of those of the larger one, so everything that was summed over coordinates follows exactly.
@@ -224,7 +227,7 @@ impl<T: Scalar> Dictionary<T> {
     pub fn coordinates(&self, x: MatRef<'_, T>) -> Result<Mat<f64>, DictionaryError> {
         self.check(x)?;
         let mut v = self.rows_from(0, x, &finite_norms(x)?)?;
-        solve_lower_triangular_in_place(self.factor.as_ref(), v.as_mut(), self.par);
+        solve_lower(self.factor.as_ref(), v.as_mut(), self.par);
         Ok(v)
     }
 
@@ -254,7 +257,7 @@ impl<T: Scalar> Dictionary<T> {
         let factor = self.factor.as_ref();
         matmul(rows.as_mut(), Accum::Add, factor.submatrix(before, 0, m - before, before), old, -1.0, self.par);
         let corner = factor.submatrix(before, before, m - before, m - before);
-        solve_lower_triangular_in_place(corner, rows.as_mut(), self.par);
+        solve_lower(corner, rows.as_mut(), self.par);
         Ok(rows)
     }
 
@@ -275,50 +278,99 @@ impl<T: Scalar> Dictionary<T> {
         self.check(x)?;
         let norms = finite_norms(x)?;
         let (m, b) = (self.len(), x.ncols());
-        let mut known = self.rows_from(0, x, &norms)?;
+        let mut coordinates = self.rows_from(0, x, &norms)?;
         let mut nearest: Vec<(usize, f64)> = (0..b)
-            .map(|j| largest((0..m).map(|i| known[(i, j)])))
+            .map(|j| largest(coordinates.col_as_slice(j)))
             .map(|(i, value)| (self.serials.get(i).copied().unwrap_or(0), value))
             .collect();
-        solve_lower_triangular_in_place(self.factor.as_ref(), known.as_mut(), self.par);
-
-        // Schur complement of the block: what its members have in common beyond the dictionary.
-        let common = self.kernel.matrix(x, &norms, x, &norms, self.par)?;
-        let mut schur = common.clone();
-        matmul(schur.as_mut(), Accum::Add, known.transpose(), known.as_ref(), -1.0, self.par);
-        if let Some(bad) = (0..b).find(|&j| !schur[(j, j)].is_finite()) {
+        solve_lower(self.factor.as_ref(), coordinates.as_mut(), self.par);
+        let whole = self.own_values(x, &norms)?;
+        let mut left: Vec<f64> = (0..b).map(|j| whole[j] - sum_of_squares(coordinates.col_as_slice(j))).collect();
+        if let Some(bad) = left.iter().position(|residual| !residual.is_finite()) {
             // Finite observations whose kernel values are beyond the range of f64.
             return Err(DictionaryError::NotFinite(bad));
         }
 
         let mut residuals = Vec::with_capacity(b);
         let mut accepted = Vec::new();
-        let mut fresh: Vec<Vec<f64>> = Vec::new();
-        for i in 0..b {
-            let residual = schur[(i, i)].max(0.0);
+        let mut judge = |i: usize, left: &[f64]| {
+            let residual = left[i].max(0.0);
             residuals.push(residual);
-            if residual <= ROUNDING * common[(i, i)] || !accept(i, residual) {
+            (residual > ROUNDING * whole[i] && accept(i, residual)).then_some(residual)
+        };
+        let mut next = 0;
+        while next < b {
+            let first = next;
+            let Some(residual) = judge(first, &left) else {
+                next += 1;
                 continue;
-            }
-            for (j, best) in nearest.iter_mut().enumerate().skip(i) {
-                if common[(i, j)] > best.1 {
-                    *best = (self.accepted + accepted.len(), common[(i, j)]);
+            };
+            // From here on, what observations have in common beyond the dictionary is needed: some at a time.
+            next = (first + PANEL).min(b);
+            let common = self.common(x, &norms, first..next, first..b)?;
+            let mut panel = Panel::new(first, &common, coordinates.as_ref(), self.par);
+            let mut turn = Some(residual);
+            for i in first..next {
+                let taken = if i == first { turn.take() } else { judge(i, &left) };
+                let Some(residual) = taken else { continue };
+                panel.take(i, residual, &mut left);
+                for (j, best) in nearest.iter_mut().enumerate().skip(i) {
+                    let value = common[(i - first, j - first)];
+                    if value > best.1 {
+                        *best = (self.accepted + accepted.len() + panel.taken.len() - 1, value);
+                    }
                 }
             }
-            let root = residual.sqrt();
-            let coordinate: Vec<f64> = (0..b).map(|j| schur[(i, j)] / root).collect();
-            for (j, &of_column) in coordinate.iter().enumerate() {
-                for (h, &of_row) in coordinate.iter().enumerate() {
-                    schur[(h, j)] -= of_row * of_column;
-                }
+            let common = self.common_of(x, &norms, &panel.taken, 0..first)?;
+            if accepted.is_empty() {
+                coordinates.reserve(m + b, b);
             }
-            accepted.push(i);
-            fresh.push(coordinate);
+            accepted.extend_from_slice(&panel.taken);
+            panel.extend(&mut coordinates, common, self.par);
         }
-
-        let coordinates = Mat::from_fn(m + fresh.len(), b, |i, j| if i < m { known[(i, j)] } else { fresh[i - m][j] });
         self.append(x, &norms, &coordinates, &accepted);
         Ok(Block { coordinates, residuals, accepted, nearest: nearest.into_iter().map(|best| best.0).collect() })
+    }
+
+    /// Kernel values of observations with themselves, by the same products as with others: those of equal observations then
+    /// are equal to the last bit.
+    fn own_values(&self, x: MatRef<'_, T>, norms: &[f64]) -> Result<Vec<f64>, DictionaryError> {
+        let b = x.ncols();
+        let mut values = Vec::with_capacity(b);
+        for first in (0..b).step_by(PANEL) {
+            let places = first..(first + PANEL).min(b);
+            let common = self.common(x, norms, places.clone(), places)?;
+            values.extend((0..common.nrows()).map(|i| common[(i, i)]));
+        }
+        Ok(values)
+    }
+
+    /// Kernel values between observations of a block.
+    fn common(
+        &self,
+        x: MatRef<'_, T>,
+        norms: &[f64],
+        rows: Range<usize>,
+        columns: Range<usize>,
+    ) -> Result<Mat<f64>, DictionaryError> {
+        let part = |places: &Range<usize>| x.subcols(places.start, places.len());
+        let (left, right) = (part(&rows), part(&columns));
+        Ok(self.kernel.matrix(left, &norms[rows], right, &norms[columns], self.par)?)
+    }
+
+    /// As [`Dictionary::common`], for some observations on the left.
+    fn common_of(
+        &self,
+        x: MatRef<'_, T>,
+        norms: &[f64],
+        rows: &[usize],
+        columns: Range<usize>,
+    ) -> Result<Mat<f64>, DictionaryError> {
+        let mut left = Mat::zeros(x.nrows(), rows.len());
+        rows.iter().enumerate().for_each(|(place, &row)| left.col_mut(place).copy_from(x.col(row)));
+        let left_norms: Vec<f64> = rows.iter().map(|&row| norms[row]).collect();
+        let right = x.subcols(columns.start, columns.len());
+        Ok(self.kernel.matrix(left.as_ref(), &left_norms, right, &norms[columns], self.par)?)
     }
 
     /// Let all support vectors go but those at the places `keep` (ascending), and say what becomes of coordinates.
@@ -361,23 +413,27 @@ impl<T: Scalar> Dictionary<T> {
             return;
         }
         self.reserve(x.nrows(), after);
-        self.members.resize_with(x.nrows(), after, |i, j| x[(i, accepted[j - before])]);
+        self.members.resize_with(x.nrows(), after, |_, _| T::zero_impl());
         self.factor.resize_with(after, after, |_, _| 0.0);
         for (offset, &index) in accepted.iter().enumerate() {
-            let row = before + offset;
-            for column in 0..=row {
-                self.factor[(row, column)] = coordinates[(column, index)];
-            }
+            self.members.col_mut(before + offset).copy_from(x.col(index));
             self.norms.push(norms[index]);
             self.serials.push(self.accepted);
             self.accepted += 1;
         }
+        // Column by column: the new rows of the factor are far apart in storage.
+        let rows: Vec<&[f64]> = accepted.iter().map(|&index| coordinates.col_as_slice(index)).collect();
+        for column in 0..after {
+            let above = column.saturating_sub(before);
+            let entries = &mut self.factor.col_as_slice_mut(column)[before + above..];
+            entries.iter_mut().zip(&rows[above..]).for_each(|(entry, row)| *entry = row[column]);
+        }
     }
 
-    /// Grow the storage by half of its size, so that appending does not copy everything each time.
+    /// Have storage for `m` support vectors, so that appending does not copy everything each time.
     fn reserve(&mut self, d: usize, m: usize) {
         if m > self.capacity {
-            self.capacity = (m + m / 2 + 64).min(self.expected).max(m);
+            self.capacity = capacity(m, self.expected);
             self.members.reserve(d, self.capacity);
             self.factor.reserve(self.capacity, self.capacity);
         }
@@ -408,7 +464,85 @@ pub(super) fn finite_norms<T: Scalar>(x: MatRef<'_, T>) -> Result<Vec<f64>, Dict
     })
 }
 
-/// Place and value of the largest entry; (0, −∞) if there is none.
-fn largest(values: impl Iterator<Item = f64>) -> (usize, f64) {
-    values.enumerate().fold((0, f64::NEG_INFINITY), |best, entry| if entry.1 > best.1 { entry } else { best })
+/// Storage for something that has `needed` entries and is expected to grow to `expected`: it doubles, but goes no further
+/// than expected unless it has to.
+pub(crate) fn capacity(needed: usize, expected: usize) -> usize {
+    let doubled = needed.saturating_mul(2).max(256);
+    // The last step is never a small one, which would copy almost everything once more.
+    if doubled >= expected / 2 { expected.max(needed) } else { doubled }
+}
+
+/// Observations of a block that are judged before what they have in common with the next ones is computed.
+const PANEL: usize = 32;
+
+/// Some observations of a block of which the first is taken, on their way through a partial Cholesky factorisation.
+struct Panel {
+    /// Place of the first one in the block.
+    first: usize,
+    /// What the panel has in common with itself and the observations behind it beyond all that are taken.
+    schur: Mat<f64>,
+    /// Places in the block of those that are taken.
+    taken: Vec<usize>,
+    /// Their new coordinates: of the observations from the first of the panel on.
+    rows: Vec<Vec<f64>>,
+}
+
+impl Panel {
+    /// `common: p × (b − first)`, kernel values; `coordinates: m × b`, in everything taken before this panel.
+    fn new(first: usize, common: &Mat<f64>, coordinates: MatRef<'_, f64>, par: Par) -> Self {
+        let mut schur = common.clone();
+        let behind = coordinates.subcols(first, common.ncols());
+        let own = coordinates.subcols(first, common.nrows());
+        matmul(schur.as_mut(), Accum::Add, own.transpose(), behind, -1.0, par);
+        Panel { first, schur, taken: Vec::new(), rows: Vec::new() }
+    }
+
+    /// Take the observation at a place of the block, and what it explains away from all behind it.
+    fn take(&mut self, place: usize, residual: f64, left: &mut [f64]) {
+        let (at, root) = (place - self.first, residual.sqrt());
+        let mut row: Vec<f64> = (0..self.schur.ncols()).map(|j| self.schur[(at, j)] / root).collect();
+        row[at] = root;
+        let of_panel = &row[at + 1..self.schur.nrows()];
+        for (j, &share) in row.iter().enumerate() {
+            let rest = &mut self.schur.col_as_slice_mut(j)[at + 1..];
+            rest.iter_mut().zip(of_panel).for_each(|(entry, &of_row)| *entry -= of_row * share);
+        }
+        left[place + 1..].iter_mut().zip(&row[at + 1..]).for_each(|(rest, &share)| *rest -= share * share);
+        self.taken.push(place);
+        self.rows.push(row);
+    }
+
+    /// Append the new coordinates. `common: p′ × first`, kernel values of those taken with the observations before the
+    /// panel, which got theirs in everything taken earlier only.
+    fn extend(self, coordinates: &mut Mat<f64>, mut common: Mat<f64>, par: Par) {
+        let (first, count, before) = (self.first, self.taken.len(), coordinates.nrows());
+        let mut own = Mat::zeros(before, count);
+        self.taken.iter().enumerate().for_each(|(place, &of)| own.col_mut(place).copy_from(coordinates.col(of)));
+        matmul(common.as_mut(), Accum::Add, own.transpose(), coordinates.as_ref().subcols(0, first), -1.0, par);
+        let corner = Mat::from_fn(count, count, |i, j| if j <= i { self.rows[j][self.taken[i] - first] } else { 0.0 });
+        solve_lower(corner.as_ref(), common.as_mut(), par);
+        coordinates.resize_with(before + count, coordinates.ncols(), |i, j| match j.checked_sub(first) {
+            Some(behind) => self.rows[i - before][behind],
+            None => common[(i - before, j)],
+        });
+    }
+}
+
+fn sum_of_squares(values: &[f64]) -> f64 {
+    const LANES: usize = 8;
+    let mut sums = [0.0; LANES];
+    let (whole, rest) = values.as_chunks::<LANES>();
+    whole.iter().for_each(|chunk| sums.iter_mut().zip(chunk).for_each(|(sum, value)| *sum += value * value));
+    sums.iter().sum::<f64>() + rest.iter().map(|value| value * value).sum::<f64>()
+}
+
+/// Place and value of the largest entry, the first of equal ones; (0, −∞) if there is none.
+fn largest(values: &[f64]) -> (usize, f64) {
+    const LANES: usize = 8;
+    let larger = |best: f64, value: f64| if value > best { value } else { best };
+    let mut best = [f64::NEG_INFINITY; LANES];
+    let (whole, rest) = values.as_chunks::<LANES>();
+    whole.iter().for_each(|chunk| best.iter_mut().zip(chunk).for_each(|(best, &value)| *best = larger(*best, value)));
+    let best = best.iter().chain(rest).fold(f64::NEG_INFINITY, |best, &value| larger(best, value));
+    (values.iter().position(|&value| value == best).unwrap_or(0), best)
 }

@@ -54,7 +54,7 @@ mod error;
 mod exponential;
 mod function;
 mod matrix;
-mod products;
+pub(crate) mod products;
 mod width;
 
 pub use covariance::{Approximation, KernelPca, Scaling};

@@ -1,6 +1,12 @@
-//! Two halves of a piece of work on two threads.
+//! Symmetric products and triangular solves on several threads.
+//!
+//! Work is cut in two, again and again, at places that do not depend on the number of threads, and every part runs on one
+//! thread; so the result has the same bits on any number of them. Large plain products stay with faer, which cuts them well.
 
-use faer::Par;
+use faer::linalg::matmul::matmul;
+use faer::linalg::matmul::triangular::{BlockStructure, matmul as triangular_matmul};
+use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
+use faer::{Accum, MatMut, MatRef, Par};
 
 /// Run two parts of a piece of work, side by side if there are threads for it; each part is told how many it has.
 ///
@@ -21,4 +27,109 @@ pub(crate) fn join(par: Par, first: impl FnOnce(Par) + Send, second: impl FnOnce
 /// Where to cut `size` into two parts so that the first is a multiple of `unit`, and about half.
 pub(crate) fn whole_halves(size: usize, unit: usize) -> usize {
     size.div_ceil(2 * unit) * unit
+}
+
+/// Triangles of this size and below are left to faer.
+const TRIANGLE: usize = 512;
+/// Rectangles this wide and below are one product.
+const RECTANGLE: usize = 1024;
+
+/// The lower triangle of `C += AAᵀ`; what stands above the diagonal is not touched.
+///
+/// # Shapes
+/// `c: m × m`, `a: m × n`.
+pub(crate) fn add_square(c: MatMut<'_, f64>, a: MatRef<'_, f64>, par: Par) {
+    let m = c.nrows();
+    if m <= TRIANGLE {
+        let (whole, lower) = (BlockStructure::Rectangular, BlockStructure::TriangularLower);
+        return triangular_matmul(c, lower, Accum::Add, a, whole, a.transpose(), whole, 1.0, Par::Seq);
+    }
+    let half = whole_halves(m, TRIANGLE);
+    let (first, _, between, second) = c.split_at_mut(half, half);
+    let (above, below) = a.split_at_row(half);
+    // The rectangle is about as much work as both triangles.
+    join(
+        par,
+        |par| add_product(between, below, above, par),
+        |par| join(par, |par| add_square(first, above, par), |par| add_square(second, below, par)),
+    );
+}
+
+/// `C += ABᵀ`, with `a: m × k` and `b: n × k`.
+fn add_product(c: MatMut<'_, f64>, a: MatRef<'_, f64>, b: MatRef<'_, f64>, par: Par) {
+    let n = c.ncols();
+    if n <= RECTANGLE {
+        return matmul(c, Accum::Add, a, b.transpose(), 1.0, Par::Seq);
+    }
+    let half = whole_halves(n, RECTANGLE);
+    let (left, right) = c.split_at_col_mut(half);
+    let (above, below) = b.split_at_row(half);
+    join(par, |par| add_product(left, a, above, par), |par| add_product(right, a, below, par));
+}
+
+/// Rows that are solved before all of them are subtracted from the next ones in one product.
+const ROWS: usize = 256;
+/// Columns of such rows that one thread solves for.
+const COLUMNS: usize = 128;
+
+/// `X ← L⁻¹X` for a lower triangular `L`.
+///
+/// # Shapes
+/// `l: m × m`, `x: m × n`.
+pub(crate) fn solve_lower(l: MatRef<'_, f64>, mut x: MatMut<'_, f64>, par: Par) {
+    let m = x.nrows();
+    for start in (0..m).step_by(ROWS) {
+        let rows = ROWS.min(m - start);
+        let (solved, rest) = x.as_mut().split_at_row_mut(start);
+        let mut next = rest.split_at_row_mut(rows).0;
+        matmul(next.as_mut(), Accum::Add, l.submatrix(start, 0, rows, start), solved.as_ref(), -1.0, par);
+        solve_columns(l.submatrix(start, start, rows, rows), next, par);
+    }
+}
+
+fn solve_columns(l: MatRef<'_, f64>, x: MatMut<'_, f64>, par: Par) {
+    let n = x.ncols();
+    if n <= COLUMNS {
+        return solve_lower_triangular_in_place(l, x, Par::Seq);
+    }
+    let (left, right) = x.split_at_col_mut(whole_halves(n, COLUMNS));
+    join(par, |par| solve_columns(l, left, par), |par| solve_columns(l, right, par));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use faer::Mat;
+
+    fn numbers(rows: usize, columns: usize) -> Mat<f64> {
+        Mat::from_fn(rows, columns, |i, j| ((i * 37 + j * 101 + i * j) % 181) as f64 / 90.0 - 1.0)
+    }
+
+    #[test]
+    fn parts_add_up_to_the_plain_product_and_solution_on_any_number_of_threads() {
+        let (m, n) = (1300, 300);
+        let a = numbers(m, n);
+        let full = &a * a.transpose();
+        let l = Mat::from_fn(m, m, |i, j| {
+            if i == j {
+                40.0
+            } else if i > j {
+                full[(i, j)] / 300.0
+            } else {
+                0.0
+            }
+        });
+        let (mut square, mut solved) = (Mat::zeros(m, m), a.clone());
+        add_square(square.as_mut(), a.as_ref(), Par::Seq);
+        solve_lower(l.as_ref(), solved.as_mut(), Par::Seq);
+        let difference = |i: usize, j: usize| if i >= j { square[(i, j)] - full[(i, j)] } else { square[(i, j)] };
+        assert!(Mat::from_fn(m, m, difference).norm_max() < 1e-12 * full.norm_max());
+        assert!((&l * &solved - &a).norm_max() < 1e-12);
+        for threads in 1..5 {
+            let (mut again, mut once_more) = (Mat::zeros(m, m), a.clone());
+            add_square(again.as_mut(), a.as_ref(), Par::rayon(threads));
+            solve_lower(l.as_ref(), once_more.as_mut(), Par::rayon(threads));
+            assert!(again == square && once_more == solved, "{threads} threads");
+        }
+    }
 }
