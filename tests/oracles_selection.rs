@@ -334,18 +334,19 @@ proptest! {
         size in 1usize..30,
         settle_at in 1usize..40,
         retained in 1usize..200,
+        chunk in 1usize..50,
         memory in prop::option::of(30.0..300.0f64),
     ) {
         let (n, budget) = (240, 20);
         let x = random_path(4, n, seed);
         let links = random_links(n, seed ^ 1);
-        let options = StreamOptions { retained, memory_frames: memory, settle_at };
+        let options = StreamOptions { retained, chunk, memory_frames: memory, settle_at };
         let mut stream = SlowStream::from_boxed(selection(rule, 0.3, 0.005, budget), options).unwrap();
 
         // The same selection once more, with all coordinates of all frames kept: one matrix for frames, one for derivatives.
         let mut twin = selection(rule, 0.3, 0.005, budget);
         let (mut v, mut rates) = (Mat::<f64>::zeros(0, n), Mat::<f64>::zeros(0, n));
-        let (mut weights, mut blocks) = (vec![0.0; n], std::collections::VecDeque::new());
+        let (mut weights, mut first) = (vec![0.0; n], 0);
         for start in (0..n).step_by(size) {
             let end = (start + size).min(n);
             let part = x.as_ref().subcols(start, end - start);
@@ -356,8 +357,6 @@ proptest! {
                 weights.iter_mut().for_each(|weight| *weight *= (-((end - start) as f64) / memory).exp());
             }
             weights[start..end].fill(1.0);
-            blocks.push_back((start, end));
-            let first: usize = blocks[0].0;
             let exact = twin.dictionary().coordinates(x.as_ref()).unwrap();
             let had = v.nrows();
             v.resize_with(exact.nrows(), n, |_, _| 0.0);
@@ -372,9 +371,11 @@ proptest! {
                     }
                 }
             }
-            while blocks.len() > 1 && end - blocks[0].0 > retained {
-                blocks.pop_front();
+            // Whole chunks leave; the newest stays.
+            while end - first > retained && first + chunk < end {
+                first += chunk;
             }
+            prop_assert_eq!(stream.retained(), end - first);
             if twin.is_over_budget() && let Some(thinning) = twin.thin().unwrap() {
                 v = thinning.apply(v.as_ref()).unwrap();
                 rates = thinning.apply(rates.as_ref()).unwrap();

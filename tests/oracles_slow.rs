@@ -2,9 +2,12 @@
 
 mod common;
 
-use adagio::dictionary::Ald;
-use adagio::slow::{Link, Moments, SlowError, SlowFeatures, SlowModel, SlowStream, StreamOptions, solve};
-use common::{ald, batch_moments, correlation, random_links, random_path, relative_difference};
+use adagio::dictionary::{Ald, DictionaryError, Parameters};
+use adagio::kernel::Kernel;
+use adagio::slow::{
+    Link, MOST_COORDINATES, Moments, SlowError, SlowFeatures, SlowModel, SlowStream, StreamOptions, solve,
+};
+use common::{ald, batch_moments, correlation, parameters, random_links, random_path, relative_difference};
 use faer::{Mat, MatRef, Par};
 use proptest::prelude::*;
 
@@ -123,7 +126,7 @@ fn a_gap_gives_no_derivative() {
 }
 
 fn options(settle_at: usize) -> StreamOptions {
-    StreamOptions { retained: 100_000, memory_frames: None, settle_at }
+    StreamOptions { retained: 100_000, chunk: 64, memory_frames: None, settle_at }
 }
 
 fn streamed(
@@ -213,6 +216,105 @@ proptest! {
         let phi = model.apply(x.as_ref(), Par::Seq).unwrap();
         prop_assert!((0..400).all(|t| phi[(0, t)] == 1.0));
         assert_constraints(phi.as_ref().subrows(1, 8), &features, &links, 1e-7);
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(32))]
+
+    /// Frames that are not finite, or too large for the kernel, leave no trace but a gap and a count.
+    #[test]
+    fn frames_that_are_not_finite_are_left_out(
+        seed in any::<u64>(),
+        size in 1usize..50,
+        bad in prop::collection::btree_set(0usize..240, 0..40),
+        what in prop::sample::select(vec![f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e200, 1e120]),
+        memory in prop::option::of(Just(90.0)),
+    ) {
+        // Cubes of products: 1e120 has a norm, but no kernel value.
+        let kernel = Kernel::polynomial(3, 1.0).unwrap();
+        let new = || {
+            let options = StreamOptions { memory_frames: memory, ..options(8) };
+            SlowStream::new(Ald::new(Parameters { kernel, ..parameters(1.0, 0.01, 1000) }).unwrap(), options).unwrap()
+        };
+        let x = random_path(3, 240, seed);
+        let links = random_links(240, seed ^ 1);
+        let spoiled = Mat::from_fn(3, 240, |i, t| if bad.contains(&t) && i == t % 3 { what } else { x[(i, t)] });
+        let (mut screened, mut clean) = (new(), new());
+        for start in (0..240).step_by(size) {
+            let end = (start + size).min(240);
+            let part = |matrix: &Mat<f64>| matrix.as_ref().subcols(start, end - start).to_owned();
+            let found = screened.push_finite(part(&spoiled).as_ref(), &links[start..end]).unwrap();
+            let places: Vec<usize> = found.quarantined.iter().map(|place| start + place).collect();
+            prop_assert_eq!(&places, &bad.range(start..end).copied().collect::<Vec<_>>());
+
+            let kept: Vec<usize> = (start..end).filter(|t| !bad.contains(t)).collect();
+            prop_assert_eq!(found.taken.iter().map(|place| start + place).collect::<Vec<_>>(), kept.clone());
+            let good = Mat::from_fn(3, kept.len(), |i, j| x[(i, kept[j])]);
+            let cut: Vec<Option<Link>> =
+                kept.iter().map(|&t| links[t].filter(|_| t > 0 && !bad.contains(&(t - 1)))).collect();
+            let block = clean.push(good.as_ref(), &cut).unwrap();
+            prop_assert_eq!(block.accepted, found.block.accepted);
+            // As before, a block with such a frame is refused as a whole where nobody asked for less.
+            if !places.is_empty() {
+                let strict = new().push(part(&spoiled).as_ref(), &links[start..end]).unwrap_err();
+                prop_assert!(matches!(strict, SlowError::Dictionary(DictionaryError::NotFinite(_))), "{strict}");
+            }
+        }
+        prop_assert_eq!((screened.quarantined(), screened.frames()), (bad.len(), 240 - bad.len()));
+        prop_assert!(screened.dictionary().members() == clean.dictionary().members());
+        let (a, b) = (screened.settled_moments().unwrap(), clean.settled_moments().unwrap());
+        prop_assert_eq!((a.frames(), a.links()), (b.frames(), b.links()));
+        prop_assert!(a.mean() == b.mean() && a.covariance() == b.covariance());
+        prop_assert!(a.links() == 0.0 || a.rate() == b.rate());
+    }
+}
+
+/// Large enough that everything is cut into parts.
+#[test]
+fn a_stream_has_the_same_bits_on_any_number_of_threads() {
+    let (n, budget) = (1500, 700);
+    let x = random_path(40, n, 5);
+    let links = random_links(n, 6);
+    let run = |par: Par| {
+        let ald = Ald::new(Parameters { par, ..parameters(0.35, 0.01, budget) }).unwrap();
+        let options = StreamOptions { memory_frames: Some(3000.0), chunk: 256, ..StreamOptions::default() };
+        let mut stream = SlowStream::new(ald, options).unwrap();
+        for start in (0..n).step_by(300) {
+            stream.push(x.as_ref().subcols(start, 300), &links[start..start + 300]).unwrap();
+        }
+        let moments = stream.settled_moments().unwrap();
+        assert_eq!(moments.size(), budget);
+        (moments.covariance(), moments.rate())
+    };
+    let alone = run(Par::Seq);
+    for threads in 1..5 {
+        assert!(run(Par::rayon(threads)) == alone, "{threads} threads");
+    }
+}
+
+#[test]
+fn a_stream_takes_the_memory_that_its_formula_says() {
+    let (d, budget, n, block) = (64, 320, 3000, 50);
+    let path = random_path(d, n, 5);
+    let x = Mat::from_fn(d, n, |i, t| path[(i, t)] as f32);
+    let links = series_links(n, 1.0);
+    for (retained, chunk) in [(1000, 64), (900, 256), (100_000, 512), (10, 128)] {
+        let options = StreamOptions { retained, chunk, memory_frames: None, settle_at: 20 };
+        let parameters = Parameters { kernel: Kernel::gaussian(0.4).unwrap(), ..parameters(0.4, 0.01, budget) };
+        let mut stream = SlowStream::<f32>::new(Ald::new(parameters).unwrap(), options).unwrap();
+        let mut most = 0;
+        for start in (0..n).step_by(block) {
+            stream.push(x.as_ref().subcols(start, block), &links[start..start + block]).unwrap();
+            most = most.max(stream.held_bytes());
+        }
+        assert_eq!(stream.dictionary().len(), budget);
+        let kept = StreamOptions { retained: retained.min(n), ..options };
+        let formula = SlowStream::<f32>::bytes(&kept, budget, d, block);
+        assert!(most <= formula, "{most} bytes held, {formula} by the formula");
+        // What is not held all the time is 16m(b + c + a), and up to a chunk of frames and a block.
+        let passing = 16 * budget * (block + chunk + 70) + (chunk + block) * (8 * budget + 4 * d + 40);
+        assert!(most + passing as u64 >= formula, "{most} bytes held, {formula} by the formula");
     }
 }
 
@@ -357,10 +459,7 @@ fn sums_refuse_what_does_not_fit_them() {
     assert!(matches!(moments.add(three.as_ref(), two.as_ref(), 1.0), Err(SlowError::Shape { found: 3, .. })));
     assert!(matches!(moments.add(two.as_ref(), three.as_ref(), 1.0), Err(SlowError::Shape { found: 3, .. })));
     assert_eq!(moments.add(two.as_ref(), two.as_ref(), -1.0).unwrap_err(), SlowError::Weight(-1.0));
-    assert_eq!(
-        moments.grow(3, two.as_ref(), two.as_ref(), 1.0).unwrap_err(),
-        SlowError::Narrower { size: 2, asked: 3 }
-    );
+    assert!(matches!(moments.reserve(MOST_COORDINATES + 1), Err(SlowError::TooMany { .. })));
     let link = Some(Link { dt: 1.0, weight: 1.0 });
     assert_eq!(moments.add_series(two.as_ref(), &[link; 4], None).unwrap_err(), SlowError::NoPredecessor);
     let backwards = Some(Link { dt: -1.0, weight: 1.0 });

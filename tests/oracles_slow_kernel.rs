@@ -130,7 +130,7 @@ fn direct(k: &Mat<f64>, rows: &Mat<f64>, features: usize, lambda: f64) -> (Mat<f
 fn a_stream_solves_regularised_sparse_kernel_sfa() {
     let x = random_path(3, 500, 7);
     let links = Link::regular(500, 1.0).unwrap();
-    let options = StreamOptions { retained: 1000, memory_frames: None, settle_at: 5 };
+    let options = StreamOptions { retained: 1000, settle_at: 5, ..StreamOptions::default() };
     let mut stream = SlowStream::new(ald(0.5, 0.05, 1000), options).unwrap();
     for start in (0..500).step_by(50) {
         stream.push(x.as_ref().subcols(start, 50), &links[start..start + 50]).unwrap();

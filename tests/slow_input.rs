@@ -59,7 +59,7 @@ proptest! {
         let earlier = matrix(rows, before, &values);
         let _ = moments.add_series(v.as_ref(), &links, Some(earlier.as_ref()));
         let _ = moments.add_series(v.as_ref(), &links[..l.min(n)], None);
-        let _ = moments.grow(from, v.as_ref(), rates.as_ref(), weight);
+        let _ = moments.reserve(from);
         let _ = moments.fade(factor);
         let _ = moments.widen(from);
         let _ = (moments.mean(), moments.covariance(), moments.rate());
@@ -94,7 +94,7 @@ proptest! {
         };
         let value = |v: f64| if !tame || v.abs() < 10.0 { v } else { 0.5 };
         let values: Vec<f64> = values.into_iter().map(value).collect();
-        let options = StreamOptions { retained, memory_frames: memory, settle_at };
+        let options = StreamOptions { retained, chunk: retained % 7, memory_frames: memory, settle_at };
         if let Ok(mut stream) = SlowStream::from_boxed(selection, options) {
             let calls = std::sync::atomic::AtomicUsize::new(0);
             let map = FeatureMap::new(move |x: MatRef<'_, f64>| {
@@ -107,6 +107,7 @@ proptest! {
                 let x = Mat::from_fn(rows, n, |i, t| values[(i * 5 + t + 11 * start) % values.len()]);
                 let _ = stream.push(x.as_ref(), &links);
                 let _ = stream.push(x.as_ref(), &links[..n / 2]);
+                let _ = stream.push_finite(x.as_ref(), &links);
                 if let Ok(moments) = stream.settled_moments().cloned() {
                     prop_assert_eq!(moments.size(), stream.dictionary().len());
                     if let Ok(features) = solve(&moments, k, lambda, None) {

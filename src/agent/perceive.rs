@@ -246,6 +246,7 @@ impl Perceive {
             retained: settings.retained_frames,
             memory_frames: self.scenario.slow.memory_frames,
             settle_at: SETTLE_AT,
+            ..StreamOptions::default()
         };
         Ok(SlowStream::from_boxed(selection, options)?)
     }

@@ -70,6 +70,7 @@ pub use ald::{Ald, Parameters, WhenFull};
 pub use error::DictionaryError;
 pub use feature_ald::{FeatureAld, FeatureMap, FeatureParameters};
 pub use greedy::GreedyResidual;
+pub(crate) use newton::capacity;
 pub use newton::{Block, Dictionary, Thinning};
 pub use reservoir::Reservoir;
 pub use selection::Selection;

@@ -211,6 +211,12 @@ impl<T: Scalar> Dictionary<T> {
         self.factor.as_ref()
     }
 
+    /// Bytes of the matrices held.
+    pub(crate) fn bytes(&self) -> usize {
+        let column = size_of::<T>() * self.members.col_stride().unsigned_abs();
+        (column + size_of::<f64>() * self.factor.col_stride().unsigned_abs()) * self.capacity
+    }
+
     /// Kernel rows `k(x)` of observations against all support vectors: `x: d × n` gives `m × n`.
     ///
     /// # Errors

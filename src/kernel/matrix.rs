@@ -176,11 +176,16 @@ pub fn squared_norms<T: Scalar>(x: MatRef<'_, T>) -> Vec<f64> {
         .collect()
 }
 
+/// Whether an observation of this squared norm has only finite values, and finite products with others like it.
+pub(crate) fn is_usable_norm<T: Scalar>(norm: f64) -> bool {
+    (0.0..=T::LARGEST / 4.0).contains(&norm)
+}
+
 /// [`squared_norms`], if all of them are numbers of the type of the observations, and so all products of two
 /// observations; `what` names the observations in the error.
 pub(crate) fn finite_norms<T: Scalar>(what: &'static str, x: MatRef<'_, T>) -> Result<Vec<f64>, KernelError> {
     let norms = squared_norms(x);
-    match norms.iter().position(|&norm| !(0.0..=T::LARGEST / 4.0).contains(&norm)) {
+    match norms.iter().position(|&norm| !is_usable_norm::<T>(norm)) {
         Some(index) => Err(KernelError::NotFinite { what, index }),
         None => Ok(norms),
     }

@@ -60,6 +60,6 @@ mod width;
 pub use covariance::{Approximation, KernelPca, Scaling};
 pub use error::KernelError;
 pub use function::{Form, Kernel};
-pub(crate) use matrix::finite_norms;
 pub use matrix::{Scalar, squared_norms};
+pub(crate) use matrix::{finite_norms, is_usable_norm};
 pub use width::median_distance;

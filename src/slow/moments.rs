@@ -1,11 +1,11 @@
 //! Running sums over Newton coordinates, from which slow features are solved.
 
-use faer::linalg::matmul::triangular::{BlockStructure, matmul as triangular_matmul};
-use faer::{Accum, Mat, MatRef, Par};
+use faer::{Col, ColMut, Mat, MatRef, Par, unzip, zip};
 
 use super::links::{Link, check_links};
 use super::solve::SlowError;
 use crate::dictionary::Thinning;
+use crate::kernel::products::add_square;
 
 /// The most coordinates that are summed over: two matrices of this size squared take 64 GiB.
 pub const MOST_COORDINATES: usize = 1 << 16;
@@ -13,8 +13,10 @@ pub const MOST_COORDINATES: usize = 1 << 16;
 /// The running sums over `m` coordinates: what [`solve()`](super::solve()) needs to know of a signal.
 ///
 /// `n`, `Σv`, `Σvvᵀ` and `Σ g·v̇v̇ᵀ` are kept in `f64`. A derivative exists only between frames that follow each other:
-/// a gap, a restart or a teleport gives none. Sums can be grown by coordinates that come later ([`Moments::grow`]), and
+/// a gap, a restart or a teleport gives none. Sums can be widened by coordinates that come later ([`Moments::widen`]), and
 /// can fade ([`Moments::fade`]) for scenes that change.
+///
+/// They take `16m²` bytes.
 ///
 /// ```
 /// use adagio::slow::{Link, Moments};
@@ -45,13 +47,23 @@ pub struct Moments {
     pub(super) links: f64,
     /// Lower triangle of `Σ g·v̇v̇ᵀ`, `m × m`.
     pub(super) derivative: Mat<f64>,
+    /// Coordinates for which there is storage.
+    capacity: usize,
     par: Par,
 }
 
 impl Moments {
     /// Sums over no frames and no coordinates.
     pub fn new(par: Par) -> Self {
-        Moments { frames: 0.0, sum: Mat::zeros(0, 1), square: Mat::new(), links: 0.0, derivative: Mat::new(), par }
+        Moments {
+            frames: 0.0,
+            sum: Mat::zeros(0, 1),
+            square: Mat::new(),
+            links: 0.0,
+            derivative: Mat::new(),
+            capacity: 0,
+            par,
+        }
     }
 
     /// Number of coordinates `m` in the sums.
@@ -79,12 +91,12 @@ impl Moments {
     /// Rows that are not [`Moments::size`], a weight that is negative or not finite; nothing is changed then. Values that
     /// are not finite are found by [`solve`](super::solve()), which sees every sum.
     pub fn add(&mut self, v: MatRef<'_, f64>, rates: MatRef<'_, f64>, weight: f64) -> Result<(), SlowError> {
-        self.check(0, v, rates, weight)?;
+        self.check(v, rates, weight)?;
         self.frames += v.ncols() as f64;
         self.links += weight;
-        add_column_sums(&mut self.sum, 0, v, 1.0);
-        add_lower(&mut self.square, v, self.par);
-        add_lower(&mut self.derivative, rates, self.par);
+        self.sum_up(v, |_| 1.0);
+        add_square(self.square.as_mut(), v, self.par);
+        add_square(self.derivative.as_mut(), rates, self.par);
         Ok(())
     }
 
@@ -106,7 +118,56 @@ impl Moments {
         self.add(v, rates.as_ref(), weight)
     }
 
-    /// Make room for coordinates `size() .. m`, zero so far.
+    /// As [`Moments::add_series`], for frames that have faded: `weights`, one each, if so.
+    pub(super) fn add_faded(
+        &mut self,
+        v: MatRef<'_, f64>,
+        links: &[Option<Link>],
+        before: Option<MatRef<'_, f64>>,
+        weights: Option<&[f64]>,
+    ) -> Result<(), SlowError> {
+        let Some(weights) = weights else { return self.add_series(v, links, before) };
+        let faded: Vec<Option<Link>> =
+            links.iter().zip(weights).map(|(link, w)| link.map(|l| Link { weight: l.weight * w, ..l })).collect();
+        let (rates, weight) = rates(v, &faded, before)?;
+        self.check(v, rates.as_ref(), weight)?;
+        self.frames += weights.iter().sum::<f64>();
+        self.links += weight;
+        self.sum_up(v, |t| weights[t]);
+        let mut scaled = v.to_owned();
+        for (t, weight) in weights.iter().enumerate() {
+            scale(scaled.col_mut(t), weight.sqrt());
+        }
+        add_square(self.square.as_mut(), scaled.as_ref(), self.par);
+        add_square(self.derivative.as_mut(), rates.as_ref(), self.par);
+        Ok(())
+    }
+
+    fn sum_up(&mut self, v: MatRef<'_, f64>, weight: impl Fn(usize) -> f64) {
+        for (t, column) in v.col_iter().enumerate() {
+            let weight = weight(t);
+            zip!(self.sum.as_mut().col_mut(0), column).for_each(|unzip!(sum, value)| *sum += weight * *value);
+        }
+    }
+
+    /// Have storage for `m` coordinates, so that widening up to there copies nothing.
+    ///
+    /// # Errors
+    /// More than [`MOST_COORDINATES`].
+    pub fn reserve(&mut self, m: usize) -> Result<(), SlowError> {
+        if m > MOST_COORDINATES {
+            return Err(SlowError::TooMany { what: "coordinates", asked: m, most: MOST_COORDINATES });
+        }
+        if m > self.capacity {
+            self.capacity = m;
+            self.square.reserve(m, m);
+            self.derivative.reserve(m, m);
+        }
+        Ok(())
+    }
+
+    /// Make room for coordinates `size() .. m`, zero so far. Sums that are widened again and again are copied each time
+    /// beyond what was [reserved](Moments::reserve).
     ///
     /// # Errors
     /// Fewer coordinates than there are, or more than [`MOST_COORDINATES`].
@@ -114,64 +175,35 @@ impl Moments {
         if m < self.size() {
             return Err(SlowError::Narrower { size: self.size(), asked: m });
         }
-        if m > MOST_COORDINATES {
-            return Err(SlowError::TooMany { what: "coordinates", asked: m, most: MOST_COORDINATES });
-        }
-        if m > self.square.col_stride().unsigned_abs() {
-            let capacity = m + m / 2 + 64;
-            self.square.reserve(capacity, capacity);
-            self.derivative.reserve(capacity, capacity);
-        }
+        self.reserve(m)?;
         self.sum.resize_with(m, 1, |_, _| 0.0);
         self.square.resize_with(m, m, |_, _| 0.0);
         self.derivative.resize_with(m, m, |_, _| 0.0);
         Ok(())
     }
 
-    /// Add what frames that are in the sums already contribute to coordinates `from .. m`, which they got later.
-    ///
-    /// # Shapes
-    /// `v: m × b` and `rates: m × l`, all rows, of which those before `from` are in the sums already; `weight`: factor
-    /// by which these frames have faded since they were added.
-    ///
-    /// # Errors
-    /// Rows that are not [`Moments::size`], `from` beyond it, a weight that is negative or not finite; nothing is changed
-    /// then.
-    pub fn grow(
-        &mut self,
-        from: usize,
-        v: MatRef<'_, f64>,
-        rates: MatRef<'_, f64>,
-        weight: f64,
-    ) -> Result<(), SlowError> {
-        self.check(from, v, rates, weight)?;
-        let new = self.size() - from;
-        add_column_sums(&mut self.sum, from, v.subrows(from, new), weight);
-        for (target, columns) in [(&mut self.square, v), (&mut self.derivative, rates)] {
-            let (old_rows, new_rows) = columns.split_at_row(from);
-            let (_, _, mut cross, mut corner) = target.as_mut().split_at_mut(from, from);
-            faer::linalg::matmul::matmul(cross.as_mut(), Accum::Add, new_rows, old_rows.transpose(), weight, self.par);
-            triangular_matmul(
-                corner.as_mut(),
-                BlockStructure::TriangularLower,
-                Accum::Add,
-                new_rows,
-                BlockStructure::Rectangular,
-                new_rows.transpose(),
-                BlockStructure::Rectangular,
-                weight,
-                self.par,
-            );
+    /// Put in what frames that are in the sums contribute to the newest coordinates, which are zero so far.
+    pub(super) fn set_rows(&mut self, rows: &NewRows) {
+        let (from, new) = (rows.cross.ncols(), rows.sum.nrows());
+        self.sum.as_mut().col_mut(0).subrows_mut(from, new).copy_from(&rows.sum);
+        let (of_values, of_rates) = rows.cross.as_ref().split_at_row(new);
+        for (target, cross, corner) in
+            [(&mut self.square, of_values, &rows.square), (&mut self.derivative, of_rates, &rows.derivative)]
+        {
+            target.as_mut().submatrix_mut(from, 0, new, from).copy_from(cross);
+            target.as_mut().submatrix_mut(from, from, new, new).copy_from(corner);
         }
-        Ok(())
     }
 
-    fn check(&self, from: usize, v: MatRef<'_, f64>, rates: MatRef<'_, f64>, weight: f64) -> Result<(), SlowError> {
+    /// Bytes of all storage.
+    pub(super) fn bytes(&self) -> usize {
+        let of = |matrix: &Mat<f64>| size_of::<f64>() * matrix.col_stride().unsigned_abs() * self.capacity;
+        of(&self.square) + of(&self.derivative)
+    }
+
+    fn check(&self, v: MatRef<'_, f64>, rates: MatRef<'_, f64>, weight: f64) -> Result<(), SlowError> {
         SlowError::unless_fits("a frame's number of coordinates", v.nrows(), self.size())?;
         SlowError::unless_fits("a derivative's number of coordinates", rates.nrows(), self.size())?;
-        if from > self.size() {
-            return Err(SlowError::Narrower { size: self.size(), asked: from });
-        }
         if weight >= 0.0 && weight.is_finite() { Ok(()) } else { Err(SlowError::Weight(weight)) }
     }
 
@@ -186,7 +218,7 @@ impl Moments {
         self.frames *= factor;
         self.links *= factor;
         for matrix in [&mut self.sum, &mut self.square, &mut self.derivative] {
-            *matrix *= faer::Scale(factor);
+            matrix.as_mut().col_iter_mut().for_each(|column| scale(column, factor));
         }
         Ok(())
     }
@@ -199,6 +231,7 @@ impl Moments {
         let (from, before, after) = (thinning.from(), thinning.before(), thinning.after());
         SlowError::unless_fits("the number of coordinates in the sums", self.size(), before)?;
         self.sum = thinning.apply(self.sum.as_ref())?;
+        self.capacity = after;
         let rotation = thinning.rotation();
         for matrix in [&mut self.square, &mut self.derivative] {
             let cross = rotation * matrix.submatrix(from, 0, before - from, from);
@@ -266,34 +299,37 @@ pub(super) fn rates(
             (0, None) => return Err(SlowError::NoPredecessor),
             (t, _) => v.col(t - 1),
         };
-        let now = v.col(t);
-        for (row, rate) in rates.col_mut(column).iter_mut().enumerate() {
-            *rate = (now[row] - earlier[row]) * scale;
-        }
+        zip!(rates.col_mut(column), v.col(t), earlier)
+            .for_each(|unzip!(rate, now, before)| *rate = (*now - *before) * scale);
     }
     Ok((rates, weight))
 }
 
-fn add_column_sums(sum: &mut Mat<f64>, from: usize, v: MatRef<'_, f64>, weight: f64) {
-    for j in 0..v.ncols() {
-        for i in 0..v.nrows() {
-            sum[(from + i, 0)] += weight * v[(i, j)];
+/// What frames contribute to coordinates that are new to them.
+pub(super) struct NewRows {
+    /// `Σv`, of `m − from` new coordinates.
+    pub sum: Col<f64>,
+    /// `2(m − from) × from`, with the earlier coordinates: new rows of `Σvvᵀ` above those of `Σ g·v̇v̇ᵀ`.
+    pub cross: Mat<f64>,
+    /// Lower triangle of `Σvvᵀ` of the new coordinates.
+    pub square: Mat<f64>,
+    /// Lower triangle of `Σ g·v̇v̇ᵀ` of the new coordinates.
+    pub derivative: Mat<f64>,
+}
+
+impl NewRows {
+    pub fn zeros(from: usize, new: usize) -> Self {
+        NewRows {
+            sum: Col::zeros(new),
+            cross: Mat::zeros(2 * new, from),
+            square: Mat::zeros(new, new),
+            derivative: Mat::zeros(new, new),
         }
     }
 }
 
-fn add_lower(target: &mut Mat<f64>, columns: MatRef<'_, f64>, par: Par) {
-    triangular_matmul(
-        target.as_mut(),
-        BlockStructure::TriangularLower,
-        Accum::Add,
-        columns,
-        BlockStructure::Rectangular,
-        columns.transpose(),
-        BlockStructure::Rectangular,
-        1.0,
-        par,
-    );
+fn scale(column: ColMut<'_, f64>, factor: f64) {
+    zip!(column).for_each(|unzip!(value)| *value *= factor);
 }
 
 /// Fill a symmetric matrix from a function of its lower triangle.

@@ -1,20 +1,22 @@
 //! The learning stream: frames in blocks → dictionary → Newton coordinates → moments.
 
-use std::collections::VecDeque;
-
 use faer::{Mat, MatRef};
 
 use super::links::{Link, check_links};
-use super::moments::{Moments, rates};
+use super::moments::{MOST_COORDINATES, Moments};
+use super::retained::{Fading, Frames, Retained};
 use super::solve::SlowError;
-use crate::dictionary::{Block, Dictionary, DictionaryError, FeatureMap, Selection};
-use crate::kernel::{Scalar, squared_norms};
+use crate::dictionary::{Block, Dictionary, DictionaryError, FeatureMap, Selection, capacity};
+use crate::kernel::{Scalar, is_usable_norm, squared_norms};
 
 /// Options of a [`SlowStream`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Options {
-    /// Frames whose coordinates are kept for filling in; memory is `retained · (8 m + d · size of a value)` bytes.
+    /// Frames whose coordinates are kept for filling in: at most this many, or one chunk if that is more. They leave by
+    /// whole chunks, the oldest first, so up to a chunk fewer may be kept.
     pub retained: usize,
+    /// Frames that are gathered into a chunk, which goes into the moments as one product. Small ones are slow.
+    pub chunk: usize,
     /// Frames fade with this time constant, in frames, > 0; `None`: they never do. All frames of a block fade alike: after
     /// a block of `b` frames all earlier ones weigh `exp(−b/memory_frames)` times what they did.
     pub memory_frames: Option<f64>,
@@ -24,20 +26,19 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Options { retained: 20_000, memory_frames: None, settle_at: 128 }
+        Options { retained: 20_000, chunk: 512, memory_frames: None, settle_at: 128 }
     }
 }
 
-/// A block of frames that is retained.
+/// What became of a block of frames some of which may not be usable ([`SlowStream::push_finite`]).
 #[derive(Debug, Clone)]
-struct Retained<T: Scalar> {
-    x: Mat<T>,
-    norms: Vec<f64>,
-    /// Coordinates, as many rows as the dictionary had when they were last filled in.
-    v: Mat<f64>,
-    links: Vec<Option<Link>>,
-    /// Factor by which the block has faded.
-    weight: f64,
+pub struct Screened {
+    /// What the frames that were taken did, in their order.
+    pub block: Block,
+    /// Their places in the block that was given.
+    pub taken: Vec<usize>,
+    /// The places of frames that were left out: their values are not finite, or their kernel values are not.
+    pub quarantined: Vec<usize>,
 }
 
 /// Dictionary, moments and retained frames.
@@ -45,6 +46,11 @@ struct Retained<T: Scalar> {
 /// New support vectors give every retained frame new coordinates. They are filled in for whole batches of new support
 /// vectors at a time ([`SlowStream::settle`]), and the moments then equal those of a batch run over the same frames with
 /// the final dictionary. Frames that are no longer retained count as zero in coordinates that came after they left.
+///
+/// # Cost
+/// With `m` support vectors, `d` values per frame and `n` frames, everything is matrix products: `2dmn` operations for
+/// kernel values, `m²n` for coordinates and `2m²n` for the moments. Nothing of the size `m²` is touched per frame: frames
+/// go into the moments by chunks. [`SlowStream::bytes`] says how much memory it takes.
 ///
 /// ```
 /// use adagio::dictionary::{Ald, Parameters, WhenFull};
@@ -79,8 +85,13 @@ pub struct SlowStream<T: Scalar> {
     options: Options,
     selection: Box<dyn Selection<T>>,
     moments: Moments,
-    retained: VecDeque<Retained<T>>,
+    retained: Retained<T>,
     frames: usize,
+    /// The time, in frames, up to which the sums have faded.
+    faded: usize,
+    /// Whether the newest frame that was given is not among those that were taken.
+    cut: bool,
+    quarantined: usize,
 }
 
 impl<T: Scalar> SlowStream<T> {
@@ -109,9 +120,12 @@ impl<T: Scalar> SlowStream<T> {
         }
         Ok(SlowStream {
             moments: Moments::new(selection.dictionary().par()),
+            retained: Retained::new(options.chunk.max(1), selection.budget()),
             selection,
-            retained: VecDeque::new(),
             frames: 0,
+            faded: 0,
+            cut: false,
+            quarantined: 0,
             options,
         })
     }
@@ -134,9 +148,40 @@ impl<T: Scalar> SlowStream<T> {
         Ok(self.selection.adopt(features)?)
     }
 
-    /// Number of frames seen.
+    /// Number of frames taken.
     pub fn frames(&self) -> usize {
         self.frames
+    }
+
+    /// Number of frames that [`SlowStream::push_finite`] left out.
+    pub fn quarantined(&self) -> usize {
+        self.quarantined
+    }
+
+    /// Number of frames that are retained at this moment.
+    pub fn retained(&self) -> usize {
+        self.retained.frames()
+    }
+
+    /// Bytes that a stream takes at `m` support vectors, for `d` values per frame in blocks of `b`: with `s` bytes per
+    /// value, chunks of `c` frames and `r` retained frames (the larger one of `retained` and `c`, and `b` more, in whole
+    /// chunks),
+    ///
+    /// `24m² + sdm + r(8m + sd + 40)`
+    ///
+    /// for dictionary, moments and frames, and for work of the moment `16m(b + c + a)`, where `a` support vectors are
+    /// settled at a time (`settle_at` and `b`). Where members leave at the budget, `m` is the budget and a block more.
+    pub fn bytes(options: &Options, m: usize, d: usize, block: usize) -> u64 {
+        let [m, d, b, c, s] = [m, d, block, options.chunk.max(1), size_of::<T>()].map(|size| size as u64);
+        let retained = (options.retained as u64).max(c).saturating_add(b).div_ceil(c).saturating_mul(c);
+        let at_once = m.min((options.settle_at as u64).saturating_add(b));
+        let held = 24 * m * m + s * d * m + 16 * m;
+        held.saturating_add(retained.saturating_mul(8 * m + s * d + 40)).saturating_add(16 * m * (b + c + at_once))
+    }
+
+    /// Bytes of the matrices that are held at this moment.
+    pub fn held_bytes(&self) -> u64 {
+        (self.dictionary().bytes() + self.moments.bytes() + self.retained.bytes()) as u64
     }
 
     /// The moments over all coordinates of the dictionary, after [`SlowStream::settle`].
@@ -157,59 +202,102 @@ impl<T: Scalar> SlowStream<T> {
     /// Those of [`Selection::observe`], another number of links than of frames, a link with an impossible time or weight;
     /// nothing is changed then.
     pub fn push(&mut self, x: MatRef<'_, T>, links: &[Option<Link>]) -> Result<Block, SlowError> {
+        self.check(x, links)?;
+        let block = self.selection.observe(x)?;
+        self.take(x, links, block)
+    }
+
+    /// As [`SlowStream::push`], but frames with values that are not finite, or so large that kernel values are not, are
+    /// left out and named. The frame after one that was left out follows no other.
+    ///
+    /// # Errors
+    /// Those of [`SlowStream::push`], but for values that are not finite.
+    pub fn push_finite(&mut self, x: MatRef<'_, T>, links: &[Option<Link>]) -> Result<Screened, SlowError> {
+        self.check(x, links)?;
+        let kernel = self.dictionary().kernel();
+        let usable = |norm: f64| is_usable_norm::<T>(norm) && kernel.diagonal(norm).is_finite();
+        let norms = squared_norms(x);
+        let mut taken: Vec<usize> = (0..x.ncols()).filter(|&t| usable(norms[t])).collect();
+        let (part, block) = loop {
+            let mut part = Mat::zeros(x.nrows(), taken.len());
+            taken.iter().enumerate().for_each(|(place, &t)| part.col_mut(place).copy_from(x.col(t)));
+            match self.selection.observe(part.as_ref()) {
+                // What a selection computes from a frame, such as features, may not be finite either.
+                Err(DictionaryError::NotFinite(place)) if place < taken.len() => taken.remove(place),
+                Err(other) => return Err(other.into()),
+                Ok(block) => break (part, block),
+            };
+        };
+        let follows = |&t: &usize| if t == 0 || taken.binary_search(&(t - 1)).is_ok() { links[t] } else { None };
+        let kept: Vec<Option<Link>> = taken.iter().map(follows).collect();
+        let block = self.take(part.as_ref(), &kept, block)?;
+        let quarantined: Vec<usize> = (0..x.ncols()).filter(|t| taken.binary_search(t).is_err()).collect();
+        self.quarantined += quarantined.len();
+        if let Some(last) = x.ncols().checked_sub(1) {
+            self.cut = quarantined.last() == Some(&last);
+        }
+        Ok(Screened { block, taken, quarantined })
+    }
+
+    /// Refuse frames and links that do not fit.
+    fn check(&self, x: MatRef<'_, T>, links: &[Option<Link>]) -> Result<(), SlowError> {
         if x.ncols() != links.len() {
             return Err(DictionaryError::Links { found: links.len(), expected: x.ncols() }.into());
         }
         check_links(links)?;
         // The dictionary knows the length of its members, but a stream may begin with frames of which none became one.
-        if let Some(chunk) = self.retained.back()
-            && x.nrows() != chunk.x.nrows()
-        {
-            return Err(DictionaryError::Dimension { found: x.nrows(), expected: chunk.x.nrows() }.into());
+        match self.retained.dimension() {
+            Some(expected) if expected != x.nrows() => {
+                Err(DictionaryError::Dimension { found: x.nrows(), expected }.into())
+            }
+            _ => Ok(()),
         }
-        let mut block = self.selection.observe(x)?;
+    }
+
+    /// Take a block of frames that the selection has judged.
+    fn take(&mut self, x: MatRef<'_, T>, links: &[Option<Link>], mut block: Block) -> Result<Block, SlowError> {
         if x.ncols() == 0 {
             return Ok(block);
         }
         let mut links = links.to_vec();
-        if self.retained.is_empty()
-            && let Some(first) = links.first_mut()
-        {
-            *first = None;
+        if self.cut || self.frames == 0 {
+            links[0] = None;
         }
-        if let Some(tau) = self.options.memory_frames {
-            let factor = (-(x.ncols() as f64) / tau).exp();
-            self.moments.fade(factor)?;
-            self.retained.iter_mut().for_each(|chunk| chunk.weight *= factor);
-        }
-        let known = self.moments.size();
+        self.cut = false;
         // Selections can be written by anyone: one that drops support vectors on its own cannot be followed.
-        SlowError::unless_fits("a block's number of coordinates", block.coordinates.nrows(), self.dictionary().len())?;
+        let (known, m) = (self.moments.size(), block.coordinates.nrows());
+        SlowError::unless_fits("a block's number of coordinates", m, self.dictionary().len())?;
         SlowError::unless_fits("a block's number of frames", block.coordinates.ncols(), x.ncols())?;
-        if block.coordinates.nrows() < known {
-            return Err(SlowError::Narrower { size: known, asked: block.coordinates.nrows() });
+        if m < known {
+            return Err(SlowError::Narrower { size: known, asked: m });
         }
-        let v = block.coordinates.as_ref().subrows(0, known);
-        let before = self.retained.back().map(|chunk| {
-            let last = chunk.v.ncols() - 1;
-            chunk.v.as_ref().submatrix(0, last, known, 1)
-        });
-        let (rates, weight) = rates(v, &links, before)?;
-        self.moments.add(v, rates.as_ref(), weight)?;
         self.frames += x.ncols();
-        self.retained.push_back(Retained {
-            x: x.to_owned(),
-            norms: squared_norms(x),
-            v: block.coordinates.clone(),
-            links,
-            weight: 1.0,
-        });
-        if self.dictionary().len() - known >= self.options.settle_at {
+        let (norms, coordinates) = (squared_norms(x), block.coordinates.as_ref());
+        self.retained.append(Frames { x, norms: &norms, coordinates, links: &links }, known, self.frames);
+        self.sum(true)?;
+        if m - known >= self.options.settle_at {
             self.settle()?;
         }
         self.forget()?;
         self.thin(&mut block)?;
         Ok(block)
+    }
+
+    fn fading(&self) -> Fading {
+        Fading { memory_frames: self.options.memory_frames, now: self.frames }
+    }
+
+    /// Bring the frames into the moments that are not in them yet: all, or those of full chunks.
+    fn sum(&mut self, full_only: bool) -> Result<(), SlowError> {
+        if full_only && !self.retained.has_full_chunk_to_sum() {
+            return Ok(());
+        }
+        let fading = self.fading();
+        if fading.memory_frames.is_some() && self.faded < self.frames {
+            self.moments.fade(fading.since(self.faded))?;
+            self.faded = self.frames;
+        }
+        self.retained.sum(&mut self.moments, fading, full_only)
     }
 
     /// Let support vectors leave where the selection has taken too many.
@@ -220,59 +308,38 @@ impl<T: Scalar> SlowStream<T> {
         self.settle()?;
         if let Some(thinning) = self.selection.thin()? {
             self.moments.thin(&thinning)?;
-            for chunk in &mut self.retained {
-                chunk.v = thinning.apply(chunk.v.as_ref())?;
-            }
+            self.retained.thin(&thinning)?;
             block.coordinates = thinning.apply(block.coordinates.as_ref())?;
         }
         Ok(())
     }
 
-    /// Fill in the coordinates that retained frames got by growth, and bring the moments up to date.
+    /// Bring the moments up to date: with all frames, and in all coordinates, which retained frames got by growth.
     ///
     /// # Errors
     /// None that a stream of accepted blocks can meet.
     pub fn settle(&mut self) -> Result<(), SlowError> {
+        self.sum(false)?;
         let (from, m) = (self.moments.size(), self.dictionary().len());
         if from == m {
             return Ok(());
         }
-        for chunk in &mut self.retained {
-            let had = chunk.v.nrows();
-            if had < m {
-                let new =
-                    self.selection.dictionary().new_coordinates(chunk.x.as_ref(), &chunk.norms, chunk.v.as_ref())?;
-                if m > chunk.v.col_stride().unsigned_abs() {
-                    let capacity = (m + m / 4).min(self.selection.budget()).max(m);
-                    chunk.v.reserve(capacity, chunk.v.ncols());
-                }
-                let columns = chunk.v.ncols();
-                chunk.v.resize_with(m, columns, |i, j| new[(i - had, j)]);
-            }
-        }
+        self.retained.fill_in(self.selection.dictionary())?;
+        self.moments.reserve(capacity(m, self.selection.budget().min(MOST_COORDINATES)))?;
         self.moments.widen(m)?;
-        let mut before: Option<MatRef<'_, f64>> = None;
-        for chunk in &self.retained {
-            let v = chunk.v.as_ref();
-            // The oldest retained frame has lost its predecessor: that derivative keeps zero in the new coordinates.
-            let mut links = chunk.links.clone();
-            if before.is_none() {
-                links[0] = None;
-            }
-            let (rates, _) = rates(v, &links, before)?;
-            self.moments.grow(from, v, rates.as_ref(), chunk.weight)?;
-            before = Some(v.subcols(v.ncols() - 1, 1));
-        }
+        let rows = self.retained.new_rows(from, m, self.fading(), self.dictionary().par());
+        self.moments.set_rows(&rows);
         Ok(())
     }
 
-    /// Drop the oldest blocks beyond the number of retained frames; the newest block always stays.
+    /// Drop the oldest chunks beyond the number of retained frames; the newest always stays.
     fn forget(&mut self) -> Result<(), SlowError> {
-        let mut kept: usize = self.retained.iter().map(|chunk| chunk.v.ncols()).sum();
-        while self.retained.len() > 1 && kept > self.options.retained {
-            // What is pending would be lost for the block that leaves.
-            self.settle()?;
-            kept -= self.retained.pop_front().map_or(0, |chunk| chunk.v.ncols());
+        while self.retained.exceeds(self.options.retained) {
+            // New coordinates would be lost for the frames that leave, and the derivative behind them.
+            if self.moments.size() < self.dictionary().len() || self.retained.oldest_is_needed() {
+                self.settle()?;
+            }
+            self.retained.forget_oldest();
         }
         Ok(())
     }
