@@ -28,7 +28,7 @@ fn a_run_leaves_its_folder_and_a_report_with_all_keys() {
     let keys = [
         ("adagio", "version commit"),
         ("scenario", "name seed sha256"),
-        ("run", "actions frames seconds frames_per_second dropped_frames resumed"),
+        ("run", "actions frames seconds frames_per_second dropped_frames quarantined_frames resumed"),
         ("dictionary", "support_vectors sigma nu"),
         ("model", "epoch features slowness lambda"),
         ("pose_decode", "position_rmse_m heading_rmse_deg"),

@@ -70,7 +70,7 @@ proptest! {
         depths in proptest::collection::vec(any::<u32>(), 0..5), rate in 0.0..1e9,
     ) {
         comes_back(Health {
-            header, frames: frames.0, dropped_frames: frames.1, frames_per_second: rate,
+            header, frames: frames.0, dropped_frames: frames.1, quarantined_frames: frames.2, frames_per_second: rate,
             queues, queue_capacities: depths.clone(), queue_depths: depths,
             rss_bytes: frames.2, ..Health::default()
         });

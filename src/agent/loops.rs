@@ -29,6 +29,7 @@ const HEALTH_INTERVAL: Duration = Duration::from_secs(1);
 /// What the perceive actor has when it ends.
 pub struct Perceived {
     pub frames: u64,
+    pub quarantined: u64,
     pub support_vectors: usize,
     pub nu: Option<f64>,
     pub clock: Clock,
@@ -61,7 +62,7 @@ pub fn perceive(
     status: &Status,
 ) -> Result<Perceived, RunError> {
     let mut perceive = Perceive::new(scenario.clone());
-    let mut done = Perceived { frames: 0, support_vectors: 0, nu: None, clock: Clock::new() };
+    let mut done = Perceived { frames: 0, quarantined: 0, support_vectors: 0, nu: None, clock: Clock::new() };
     let mut last_boundary = None;
     loop {
         let Ok(frame) = frames.take() else {
@@ -104,7 +105,12 @@ fn deliver(
     if let Some(growth) = learned.growth {
         done.support_vectors = growth.size;
         done.nu = growth.nu;
-        status.update(|s| s.support_vectors = growth.size);
+        done.quarantined += growth.quarantined.len() as u64;
+        status.update(|s| (s.support_vectors, s.quarantined) = (growth.size, done.quarantined));
+        if !growth.quarantined.is_empty() {
+            let text = format!("frames {:?} are left out: their values are not finite", growth.quarantined);
+            record.diagnostic(Level::Warn, growth.stamp_ns, text)?;
+        }
         record.growth(growth)?;
     }
     learned.request.map_or(Ok(()), |request| solve.put(request))

@@ -55,6 +55,7 @@ pub struct Growth {
     pub last_frame: u64,
     pub stamp_ns: u64,
     pub accepted: Vec<u64>,
+    pub quarantined: Vec<u64>,
     pub size: usize,
     pub sigma: f64,
     pub nu: Option<f64>,
@@ -187,18 +188,28 @@ impl Perceive {
         }
         let Some(stream) = self.stream.as_mut() else { return Ok(None) };
         let links: Vec<Option<Link>> = pending.iter().map(|frame| frame.link).collect();
-        let mut accepted = Vec::new();
+        let (mut accepted, mut quarantined) = (Vec::new(), Vec::new());
         let mut start = 0;
         while start < pending.len() {
             let size = self.scenario.dictionary.block_frames.min(pending.len() - start);
-            let block = stream.push(x.as_ref().subcols(start, size), &links[start..start + size]).map_err(refuse)?;
-            accepted.extend(block.accepted.iter().map(|&index| pending[start + index].observation.frame));
-            for (frame, &cell) in pending[start..start + size].iter().zip(&block.nearest) {
+            let screened =
+                stream.push_finite(x.as_ref().subcols(start, size), &links[start..start + size]).map_err(refuse)?;
+            let frame_at = |index: usize| pending[start + index].observation.frame;
+            accepted.extend(screened.block.accepted.iter().map(|&index| frame_at(screened.taken[index])));
+            quarantined.extend(screened.quarantined.iter().map(|&index| frame_at(index)));
+            let mut cells = screened.block.nearest.iter();
+            for (index, frame) in pending[start..start + size].iter().enumerate() {
+                let cell = if screened.quarantined.contains(&index) { None } else { cells.next().copied() };
                 if frame.link.is_none() {
                     // Frames are missing before this one: what the action came to cannot be told.
                     self.last_boundary = None;
                 }
                 let Some(boundary) = &frame.boundary else { continue };
+                let Some(cell) = cell else {
+                    // Nothing is known of where this action ended and the next one began.
+                    self.last_boundary = None;
+                    continue;
+                };
                 let before = self.last_boundary.replace((frame.observation.clone(), cell));
                 if let (Some((from, cell)), Some(action)) = (before, frame.action) {
                     self.window.push(Transition {
@@ -220,6 +231,7 @@ impl Perceive {
             last_frame,
             stamp_ns: self.stamp_ns,
             accepted,
+            quarantined,
             size: dictionary.len(),
             sigma: dictionary.kernel().sigma().unwrap_or(f64::NAN),
             nu: stream.selection().nu(),

@@ -86,6 +86,8 @@ pub struct Outcome {
     pub actions: u64,
     /// Frames seen.
     pub frames: u64,
+    /// Frames left out of learning, because their values are not finite.
+    pub quarantined: u64,
     /// Wall-clock time, seconds.
     pub seconds: f64,
     /// Size of the dictionary at the end.
@@ -221,6 +223,7 @@ pub fn run(
         without_model: acted.without_model,
         actions: acted.actions,
         frames: perceived.frames,
+        quarantined: perceived.quarantined,
         seconds: begin.elapsed().as_secs_f64(),
         support_vectors: perceived.support_vectors,
         nu: perceived.nu,

@@ -14,6 +14,8 @@ pub struct Snapshot {
     pub actions: usize,
     /// Simulated or real time of the newest frame, nanoseconds since 1970.
     pub stamp_ns: u64,
+    /// Frames left out of learning, because their values are not finite.
+    pub quarantined: u64,
     /// Support vectors.
     pub support_vectors: usize,
     /// Epoch of the policy in use.

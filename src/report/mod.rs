@@ -84,6 +84,8 @@ pub struct Run {
     pub frames_per_second: f64,
     /// Frames that the source dropped.
     pub dropped_frames: u64,
+    /// Frames left out of learning, because their values are not finite.
+    pub quarantined_frames: u64,
     /// Whether the run continued an earlier one.
     pub resumed: bool,
     /// Why the newest model could not be made, if it could not.
@@ -161,6 +163,7 @@ impl Report {
                 seconds: outcome.seconds,
                 frames_per_second: outcome.frames as f64 / outcome.seconds,
                 dropped_frames: 0,
+                quarantined_frames: outcome.quarantined,
                 resumed: false,
                 without_model: outcome.without_model.clone(),
             },

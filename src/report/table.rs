@@ -83,10 +83,11 @@ pub fn table(report: &Report) -> String {
     );
     let _ = writeln!(
         text,
-        "log {:.1} MB in {} messages; {}peak memory {}",
+        "log {:.1} MB in {} messages; {}{}peak memory {}",
         report.log.bytes as f64 / 1e6,
         Numbered(report.log.messages),
-        if run.dropped_frames > 0 { format!("{} frames dropped; ", run.dropped_frames) } else { String::new() },
+        counted(run.dropped_frames, "frames dropped; "),
+        counted(run.quarantined_frames, "frames left out, not finite; "),
         report.memory.peak_rss_bytes.map_or("unknown".to_owned(), |bytes| format!("{:.0} MB", bytes as f64 / 1e6)),
     );
     if let Some(digest) = &report.digest {
@@ -137,4 +138,9 @@ pub fn tasks_table(tasks: &[TaskResult], pose: Option<&PoseDecode>) -> String {
 fn three_digits(value: f64) -> f64 {
     let scale = 10f64.powi(2 - value.log10().floor() as i32);
     (value * scale).round() / scale
+}
+
+/// A count with what it counts; nothing where there is none.
+fn counted(count: u64, what: &str) -> String {
+    if count > 0 { format!("{count} {what}") } else { String::new() }
 }

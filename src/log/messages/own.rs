@@ -73,6 +73,8 @@ pub struct DictionaryGrowth {
     pub last_frame: u64,
     /// The frames that became support vectors.
     pub accepted: Vec<u64>,
+    /// The frames that were left out, because their values, or those of the kernel on them, are not finite.
+    pub quarantined: Vec<u64>,
     /// Support vectors after the block.
     pub size: u32,
     /// Width of the kernel.
@@ -169,6 +171,8 @@ pub struct Health {
     pub frames: u64,
     /// Frames dropped so far.
     pub dropped_frames: u64,
+    /// Frames left out of learning so far, because their values are not finite.
+    pub quarantined_frames: u64,
     /// Frames per second since the last such message.
     pub frames_per_second: f64,
     /// Support vectors.
@@ -237,6 +241,7 @@ own_message!(
     "uint64 first_frame",
     "uint64 last_frame",
     "uint64[] accepted",
+    "uint64[] quarantined",
     "uint32 size",
     "float64 sigma",
     "float64 nu",
@@ -291,6 +296,7 @@ own_message!(
     "std_msgs/Header header",
     "uint64 frames",
     "uint64 dropped_frames",
+    "uint64 quarantined_frames",
     "float64 frames_per_second",
     "uint32 support_vectors",
     "uint32 epoch",
