@@ -13,7 +13,7 @@ use adagio::slow::coherence::incremental::{IncrementalSlow, Options as Increment
 use adagio::slow::ica::{IcaError, IndependentComponents};
 use adagio::slow::{
     KernelSfa, Layer, LinearSfa, LinearStream, Link, MOST_COORDINATES, Moments, Network, Pca, Shape, SlowError,
-    SlowFeatures, SlowModel, SlowStream, Stage, Step, StreamOptions, solve,
+    SlowFeatures, SlowModel, SlowStream, Solver, Stage, Step, StreamOptions, solve,
 };
 use common::{ald, generator, parameters, random_links, random_path};
 use faer::{Mat, MatRef, Par};
@@ -172,7 +172,8 @@ proptest! {
         let mut selection = ald(0.5, 0.1, 10);
         selection.observe(random_path(2, 20, 1).as_ref()).unwrap();
         let features = SlowFeatures {
-            weights: w.clone(), mean: x.clone(), slowness: list.clone(), lambda: 0.0, rank_deficit: 0,
+            weights: w.clone(), mean: x.clone(), slowness: list.clone(), lambda: 0.0,
+            solver: Solver::Dense { rank_deficit: 0 },
         };
         let _ = SlowModel::new(selection.dictionary(), &features);
         let members = random_path(2, rows, 1);

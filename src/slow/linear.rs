@@ -2,10 +2,11 @@
 
 use faer::{Mat, MatRef, Par};
 
+use super::error::SlowError;
 use super::links::{Link, check_links, lagged};
 use super::moments::{Moments, rates};
 use super::reveal::decorrelated;
-use super::solve::{SlowError, SlowFeatures, solve, sort_columns};
+use super::solve::{Method, SlowFeatures, SolveOptions, solve_with, sort};
 
 /// The slowest affine functions of a signal.
 ///
@@ -105,14 +106,14 @@ impl LinearSfa {
         }
 
         let moments = moments_of(centred.as_ref(), &differences)?;
-        let SlowFeatures { weights, rank_deficit, .. } = solve(&moments, features, lambda, None)?;
+        let (SlowFeatures { weights, .. }, rank_deficit) = solve_all(&moments, features, lambda)?;
         // The moments know the outputs' covariance to the rounding of the largest channel only: once more, on the outputs.
         let outputs = moments_of((weights.transpose() * &centred).as_ref(), &differences)?;
         let mut weights = decorrelated(weights, outputs.covariance().as_ref())?;
         let outputs = moments_of((weights.transpose() * &centred).as_ref(), &differences)?;
         let rate = outputs.rate();
         let mut slowness: Vec<f64> = (0..features).map(|i| rate[(i, i)]).collect();
-        sort_columns(&mut weights, &mut slowness);
+        sort(&mut slowness, [&mut weights]);
         Ok(LinearSfa { weights, mean, slowness, rank_deficit })
     }
 
@@ -265,8 +266,16 @@ impl LinearStream {
     /// # Errors
     /// Those of [`solve()`](super::solve()).
     pub fn solve(&self, features: usize, lambda: f64) -> Result<LinearSfa, SlowError> {
-        let SlowFeatures { weights, mean, slowness, rank_deficit, .. } = solve(&self.moments, features, lambda, None)?;
+        let (SlowFeatures { weights, mean, slowness, .. }, rank_deficit) = solve_all(&self.moments, features, lambda)?;
         let mean = self.origin.iter().enumerate().map(|(i, origin)| origin + mean[(i, 0)]).collect();
         Ok(LinearSfa { weights, mean, slowness, rank_deficit })
     }
+}
+
+/// All features' solution, which knows how many directions have variance; and how many coordinates more there are.
+fn solve_all(moments: &Moments, features: usize, lambda: f64) -> Result<(SlowFeatures, usize), SlowError> {
+    let options = SolveOptions { method: Method::Dense, ..Default::default() };
+    let features = solve_with(moments, features, lambda, None, &options)?;
+    let rank_deficit = features.rank_deficit().unwrap_or(0);
+    Ok((features, rank_deficit))
 }

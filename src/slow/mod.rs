@@ -74,10 +74,13 @@
 //! [`KernelSfa`] (§4.3.3), [`LinearSfa`] (§4.3.1), [`theory`] (§4.1.2), [`coherence::bray`] (§4.1.1).
 
 pub mod coherence;
+mod dense;
+mod error;
 mod expansion;
 mod hierarchy;
 pub mod ica;
 mod kernel;
+mod lanczos;
 mod linear;
 mod links;
 mod model;
@@ -86,8 +89,10 @@ mod retained;
 mod reveal;
 mod solve;
 mod stream;
+mod symmetric;
 pub mod theory;
 
+pub use error::SlowError;
 pub use expansion::{Expansion, Keep, MOST_MONOMIALS, Pca, Pipeline, Stage, Step};
 pub use hierarchy::{Layer, Network, Node, Shape, TrainedLayer};
 pub use kernel::KernelSfa;
@@ -95,5 +100,5 @@ pub use linear::{LinearSfa, LinearStream};
 pub use links::Link;
 pub use model::SlowModel;
 pub use moments::{MOST_COORDINATES, Moments};
-pub use solve::{SlowError, SlowFeatures, solve};
+pub use solve::{Method, SlowFeatures, SolveOptions, Solver, TOLERANCE, solve, solve_bytes, solve_with};
 pub use stream::{Options as StreamOptions, Screened, SlowStream};

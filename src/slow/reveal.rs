@@ -13,8 +13,10 @@
 use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
 use faer::{Mat, MatRef, Par, Side};
 
+use super::dense::RANK_TOLERANCE;
+use super::error::SlowError;
 use super::moments::Moments;
-use super::solve::{RANK_TOLERANCE, SlowError};
+use super::symmetric::ascending;
 
 /// A sum of `n` rounded squares that vary is wrong by a small multiple of 2⁻⁵³ of itself; measured sums stay far below this
 /// multiple.
@@ -114,11 +116,7 @@ pub(super) fn decorrelated(weights: Mat<f64>, covariances: MatRef<'_, f64>) -> R
 
 /// Eigenvalues of a symmetric matrix in descending order, with their vectors.
 pub(super) fn descending(a: &Mat<f64>) -> Result<(Vec<f64>, Mat<f64>), SlowError> {
-    let m = a.nrows();
-    if m == 0 {
-        return Ok((Vec::new(), Mat::new()));
-    }
-    let eigen = a.self_adjoint_eigen(Side::Lower).map_err(|_| SlowError::Eigenvalues(m))?;
-    let values = (0..m).map(|i| eigen.S()[m - 1 - i]).collect();
-    Ok((values, Mat::from_fn(m, m, |i, j| eigen.U()[(i, m - 1 - j)])))
+    let (mut values, vectors) = ascending(a.as_ref())?;
+    values.reverse();
+    Ok((values, vectors.as_ref().reverse_cols().to_owned()))
 }

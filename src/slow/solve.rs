@@ -1,162 +1,18 @@
 //! From moments to slow features.
+//!
+//! Here is the way in: checks, the choice of a solver, the order of the features and their alignment with earlier ones. The
+//! solvers are in `lanczos`, `dense` and `reveal`.
 
+use faer::linalg::matmul::matmul;
 use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
-use faer::{Mat, MatRef, Par, Side};
-use thiserror::Error;
+use faer::{Accum, Mat, MatRef, Par, Scale};
 
+use super::dense;
+pub(super) use super::error::SlowError;
+use super::lanczos::{self, Found};
 use super::moments::Moments;
 use super::reveal::{no_variance, revealed};
-use crate::dictionary::DictionaryError;
-use crate::kernel::{Kernel, KernelError};
-
-/// Why slow features could not be solved.
-#[derive(Debug, Error, Clone, PartialEq)]
-pub enum SlowError {
-    /// Too little was seen.
-    #[error("slow features need at least 2 frames and 1 derivative: there are {frames} and a weight of {links}")]
-    TooFewFrames {
-        /// Frames in the moments.
-        frames: f64,
-        /// Sum of the weights of the derivatives.
-        links: f64,
-    },
-    /// More features than there are directions with variance, or none.
-    #[error(
-        "{asked} features are asked for, but the observations span {rank} directions only: allowed are 1 to {rank}"
-    )]
-    Features {
-        /// Features asked for.
-        asked: usize,
-        /// Directions in which the observations vary.
-        rank: usize,
-    },
-    /// Matrices that do not fit each other.
-    #[error("{what} has {found}, but {expected} is needed")]
-    Shape {
-        /// What does not fit.
-        what: &'static str,
-        /// Its size.
-        found: usize,
-        /// The size that fits.
-        expected: usize,
-    },
-    /// A model and a dictionary of different kernels.
-    #[error("the model has the kernel {model}, the dictionary {dictionary}: they must be the same")]
-    OtherKernel {
-        /// Kernel of the model.
-        model: Kernel,
-        /// Kernel of the dictionary.
-        dictionary: Kernel,
-    },
-    /// What the kernel refuses.
-    #[error(transparent)]
-    Kernel(#[from] KernelError),
-    /// What the dictionary refuses.
-    #[error(transparent)]
-    Dictionary(#[from] DictionaryError),
-    /// λ must not be negative.
-    #[error("lambda = {0} is not allowed: it must be ≥ 0 and finite")]
-    Lambda(f64),
-    /// The sum of the weights of some derivatives.
-    #[error("a weight of {0} is not allowed: it must be ≥ 0 and finite")]
-    Weight(f64),
-    /// A factor by which sums fade.
-    #[error("a factor of {0} for fading is not allowed: it must be in [0, 1]")]
-    Fade(f64),
-    /// The time constant of a stream that forgets.
-    #[error("a memory of {0} frames is not allowed: it must be > 0")]
-    Memory(f64),
-    /// More than can be held.
-    #[error("{asked} {what} are asked for: allowed are at most {most}")]
-    TooMany {
-        /// What is asked for.
-        what: &'static str,
-        /// How many.
-        asked: usize,
-        /// The most that can be had.
-        most: usize,
-    },
-    /// A time between frames, or a weight, that cannot be.
-    #[error("frame {at} has a link with dt = {dt} and weight {weight}: dt must be > 0, the weight ≥ 0, both finite")]
-    Link {
-        /// Index of the frame.
-        at: usize,
-        /// Its time since the frame before it.
-        dt: f64,
-        /// Its weight.
-        weight: f64,
-    },
-    /// A first link that leads nowhere.
-    #[error("the first frame has a link, but no frame stands before it: give that frame, or None as its link")]
-    NoPredecessor,
-    /// The longest gap between linked frames.
-    #[error("a longest gap of {0} is not allowed: it must be > 0")]
-    Gap(f64),
-    /// Lags must be given, and at least 1.
-    #[error("lag {lag} is not allowed for {frames} frames: it must be 1 to {}", frames.saturating_sub(1))]
-    Lag {
-        /// The lag, in frames.
-        lag: usize,
-        /// Number of frames.
-        frames: usize,
-    },
-    /// Sums never shrink.
-    #[error("coordinate {asked} is out of the range of the sums, which have {size}")]
-    Narrower {
-        /// Coordinates there are.
-        size: usize,
-        /// Coordinates asked for.
-        asked: usize,
-    },
-    /// A value that is not a number, or so large that its square is not.
-    #[error("{0} not finite, or too large to be squared")]
-    NotFinite(&'static str),
-    /// A kernel matrix that is none.
-    #[error("this is no kernel matrix: {0}")]
-    Gram(String),
-    /// A share of the variance.
-    #[error("a share {0} of the variance is not allowed: it must be in (0, 1]")]
-    VarianceShare(f64),
-    /// A limit for clipping.
-    #[error("outputs cannot be clipped at ±{0}: the limit must be > 0 and finite")]
-    Clip(f64),
-    /// An expansion that no solver can hold.
-    #[error("the expansion of {inputs} values has more than {most} monomials: reduce the number of values first")]
-    Expansion {
-        /// Values that are expanded.
-        inputs: usize,
-        /// Largest number of monomials that is allowed.
-        most: usize,
-    },
-    /// A layer whose receptive fields do not cover its input.
-    #[error(
-        "fields of {field} with a stride of {stride} do not tile a {axis} of {size}: field ≤ {axis}, stride ≥ 1, and ({axis} − field) a multiple of the stride are needed"
-    )]
-    Tiling {
-        /// "width" or "height".
-        axis: &'static str,
-        /// Width or height of the input.
-        size: usize,
-        /// Width or height of a field.
-        field: usize,
-        /// Distance of neighbouring fields.
-        stride: usize,
-    },
-    /// A list that must not be empty.
-    #[error("{0} empty: at least one is needed")]
-    Empty(&'static str),
-    /// A fault in one part of something larger.
-    #[error("{place}: {cause}")]
-    At {
-        /// Which part.
-        place: String,
-        /// What is wrong there.
-        cause: Box<SlowError>,
-    },
-    /// The eigenvalue iteration did not converge; this points to values that are not finite.
-    #[error("the eigenvalues of a {0} × {0} matrix did not converge: its values are not finite")]
-    Eigenvalues(usize),
-}
+use super::symmetric::{cholesky, is_finite, times};
 
 /// The `k` slowest features of `m` Newton coordinates: `φ(x) = Wᵀ(v(x) − v̄)`.
 #[derive(Debug, Clone)]
@@ -169,36 +25,86 @@ pub struct SlowFeatures {
     pub slowness: Vec<f64>,
     /// Regulariser λ it was solved with.
     pub lambda: f64,
-    /// Coordinates that say nothing new: `m` minus the number of independent directions with variance.
-    pub rank_deficit: usize,
+    /// How they were found.
+    pub solver: Solver,
 }
 
-impl SlowError {
-    /// Refuse what has another size than needed.
-    pub(super) fn unless_fits(what: &'static str, found: usize, expected: usize) -> Result<(), SlowError> {
-        if found == expected { Ok(()) } else { Err(SlowError::Shape { what, found, expected }) }
-    }
-
-    /// The same fault, with the place where it happened.
-    pub(super) fn at(self, place: impl Into<String>) -> SlowError {
-        SlowError::At { place: place.into(), cause: Box::new(self) }
-    }
-
-    /// Refuse a λ that is negative or not finite.
-    pub(super) fn unless_lambda(lambda: f64) -> Result<(), SlowError> {
-        if lambda >= 0.0 && lambda.is_finite() { Ok(()) } else { Err(SlowError::Lambda(lambda)) }
-    }
-
-    /// Refuse values that are not finite.
-    pub(super) fn unless_finite(what: &'static str, x: MatRef<'_, f64>) -> Result<(), SlowError> {
-        let finite = (0..x.ncols()).all(|j| (0..x.nrows()).all(|i| x[(i, j)].is_finite()));
-        if finite { Ok(()) } else { Err(SlowError::NotFinite(what)) }
+impl SlowFeatures {
+    /// Coordinates that say nothing new: `m` minus the number of independent directions with variance. A solver that looks
+    /// for some of the features only does not know it.
+    pub fn rank_deficit(&self) -> Option<usize> {
+        match self.solver {
+            Solver::Dense { rank_deficit } => Some(rank_deficit),
+            Solver::Lanczos { .. } => None,
+        }
     }
 }
 
-/// Eigenvalues below this share of the largest one are directions without variance: rounding of the sums is about
-/// n·2⁻⁵³ of it.
-pub(super) const RANK_TOLERANCE: f64 = 1e-13;
+/// How slow features were found.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Solver {
+    /// By a decomposition of whole matrices.
+    Dense {
+        /// `m` minus the number of independent directions with variance.
+        rank_deficit: usize,
+    },
+    /// By block Lanczos iteration.
+    Lanczos {
+        /// Vectors that the operator was applied to, each as costly as four products of a matrix and a vector.
+        applied: usize,
+        /// Largest relative residual `‖Mu − μu‖/μ` of the eigenvalues: an upper bound of their relative error.
+        residual: f64,
+    },
+}
+
+/// Which solver to use.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum Method {
+    /// Block Lanczos iteration, to a tolerance of [`TOLERANCE`], where it is faster: for few features of many coordinates.
+    #[default]
+    Automatic,
+    /// All eigenvalues: the reference, with time of the order of m³ whatever the number of features.
+    Dense,
+    /// Block Lanczos iteration for the features that are asked for, with time of the order of m³/3 and then m² a feature.
+    ///
+    /// Where it cannot do it, [`Method::Dense`] does: with more features than about an eighth of the coordinates, with λ = 0,
+    /// with features within the rounding of the moments, or without convergence.
+    Lanczos {
+        /// Largest relative residual `‖Mu − μu‖/μ`, in (0, 1). It bounds the relative error of every eigenvalue μ. The error
+        /// usually is of the order of the residual's square, while that of the features is of the order of
+        /// `residual·μ/gap`, where `gap` is the distance to the next eigenvalue that was not asked for.
+        tolerance: f64,
+    },
+}
+
+/// The tolerance of [`Method::Automatic`].
+pub const TOLERANCE: f64 = 1e-6;
+
+/// How to solve.
+#[derive(Debug, Clone, Copy)]
+pub struct SolveOptions {
+    /// Which solver to use: by default the one that is faster.
+    pub method: Method,
+    /// Threads for products, triangular solves and the Cholesky factor: by default one. The bits are the same for any number.
+    pub par: Par,
+}
+
+impl Default for SolveOptions {
+    fn default() -> Self {
+        SolveOptions { method: Method::Automatic, par: Par::Seq }
+    }
+}
+
+impl Method {
+    /// The tolerance of the iteration, if this is one for `k` features of `m` coordinates.
+    fn tolerance(self, m: usize, k: usize) -> Option<f64> {
+        match self {
+            Method::Automatic => lanczos::fits(m, k).then_some(TOLERANCE),
+            Method::Dense => None,
+            Method::Lanczos { tolerance } => lanczos::fits(m, k).then_some(tolerance),
+        }
+    }
+}
 
 /// Features count as equally slow, and may be rotated among each other, when their slowness differs by less than this share.
 const EQUAL_SLOWNESS: f64 = 1e-3;
@@ -208,7 +114,8 @@ const EQUAL_SLOWNESS: f64 = 1e-3;
 /// Minimise `wᵀ(Ḋ + λI)w` subject to `wᵀCw = 1` and `w_iᵀCw_j = 0`. There are two ways to the same answer:
 ///
 /// - **Regular** (λ > 0, `Ḋ + λI` well conditioned): with `RRᵀ = Ḋ + λI` the slowest features are the largest eigenvalues μ
-///   of `M = R⁻¹CR⁻ᵀ`: `w = R⁻ᵀu/√μ`. This is the dense reference solver of the running agent.
+///   of `M = R⁻¹CR⁻ᵀ`: `w = R⁻ᵀu/√μ`. The few largest are found by
+///   block Lanczos iteration, all of them by a dense decomposition ([`Method`]).
 /// - **Rank-revealing** (λ = 0, or no usable factor): redundant coordinates have directions with neither
 ///   variance nor derivative. They are found in `B = C + sḊ` and dropped, and their number is reported. The thesis's
 ///   listing removes the *zero eigenvalues of the covariance* instead; with any threshold above zero that also loses a truly
@@ -262,103 +169,228 @@ pub fn solve(
     lambda: f64,
     previous: Option<&SlowFeatures>,
 ) -> Result<SlowFeatures, SlowError> {
+    solve_with(moments, features, lambda, previous, &SolveOptions::default())
+}
+
+/// As [`solve()`], with a choice of the solver and of the number of threads.
+///
+/// The memory that it takes beside the moments is in [`solve_bytes`].
+///
+/// # Errors
+/// Those of [`solve()`], and a tolerance that is not in (0, 1).
+///
+/// # Example
+/// ```
+/// use adagio::slow::{Link, Method, Moments, SolveOptions, Solver, solve_with};
+/// use faer::{Mat, Par};
+///
+/// # fn main() -> Result<(), adagio::slow::SlowError> {
+/// // 600 channels: cosines of a slow phase and of its multiples, in some noise.
+/// let phase = |t: usize| 0.002 * t as f64;
+/// let noise = |i: usize, t: usize| ((i * 7919 + t * t * 104_729) % 1009) as f64 / 1009.0;
+/// let v = Mat::from_fn(600, 1500, |i, t| ((1 + i % 7) as f64 * phase(t)).cos() + 0.1 * noise(i, t));
+/// let mut moments = Moments::new(Par::Seq);
+/// moments.widen(600)?;
+/// moments.add_series(v.as_ref(), &Link::regular(1500, 1.0)?, None)?;
+///
+/// let iterate = SolveOptions { method: Method::Lanczos { tolerance: 1e-8 }, ..Default::default() };
+/// let features = solve_with(&moments, 4, 1e-4, None, &iterate)?;
+/// assert!(matches!(features.solver, Solver::Lanczos { residual, .. } if residual < 1e-8));
+/// // The reference agrees.
+/// let whole = SolveOptions { method: Method::Dense, ..Default::default() };
+/// let reference = solve_with(&moments, 4, 1e-4, None, &whole)?;
+/// for (found, known) in features.slowness.iter().zip(&reference.slowness) {
+///     assert!((found / known - 1.0).abs() < 1e-6);
+/// }
+/// # Ok(())
+/// # }
+/// ```
+pub fn solve_with(
+    moments: &Moments,
+    features: usize,
+    lambda: f64,
+    previous: Option<&SlowFeatures>,
+    options: &SolveOptions,
+) -> Result<SlowFeatures, SlowError> {
     SlowError::unless_lambda(lambda)?;
+    if let Method::Lanczos { tolerance } = options.method
+        && !(tolerance > 0.0 && tolerance < 1.0)
+    {
+        return Err(SlowError::Tolerance(tolerance));
+    }
     if !(moments.frames() >= 2.0 && moments.links() > 0.0) {
         return Err(SlowError::TooFewFrames { frames: moments.frames(), links: moments.links() });
     }
-    let m = moments.size();
-    let covariance = moments.covariance();
-    let rate = moments.rate();
-    SlowError::unless_finite("the covariance of the coordinates is", covariance.as_ref())?;
-    SlowError::unless_finite("the covariance of the derivatives is", rate.as_ref())?;
-    if no_variance(moments).iter().enumerate().all(|(i, nothing)| covariance[(i, i)] <= *nothing) {
+    let forms = Forms::new(moments, options.par);
+    if !(is_finite(moments.square.as_ref()) && forms.mean.as_ref().col(0).iter().all(|mean| (mean * mean).is_finite()))
+    {
+        return Err(SlowError::NotFinite("the covariance of the coordinates is"));
+    }
+    if !is_finite(moments.derivative.as_ref()) {
+        return Err(SlowError::NotFinite("the covariance of the derivatives is"));
+    }
+    if forms.variances().iter().zip(no_variance(moments)).all(|(variance, nothing)| *variance <= nothing) {
         return Err(SlowError::Features { asked: features, rank: 0 });
     }
-    let (mut weights, rank) = match usable_factor(&rate, lambda) {
-        Some(r) => slowest(&covariance, r.as_ref(), features)?,
-        None => revealed(&covariance, &rate, moments, features, lambda)?,
-    };
-    let mut slowness = diagonal_of(weights.as_ref(), rate.as_ref());
-    sort_columns(&mut weights, &mut slowness);
+    let (mut weights, solver) = forms.slowest(features, lambda, options.method)?;
+
+    let mut driven = forms.rate_times(weights.as_ref());
+    let mut slowness = column_products(weights.as_ref(), driven.as_ref());
+    sort(&mut slowness, [&mut weights, &mut driven]);
     if let Some(previous) = previous {
         let mut old = previous.weights.clone();
-        old.resize_with(m, previous.weights.ncols(), |_, _| 0.0);
-        align(&mut weights, &slowness, (&covariance * &old).as_ref());
-        slowness = diagonal_of(weights.as_ref(), rate.as_ref());
-        sort_columns(&mut weights, &mut slowness);
+        old.resize_with(moments.size(), previous.weights.ncols().min(features), |_, _| 0.0);
+        let target = forms.covariance_times(old.as_ref());
+        align([&mut weights, &mut driven], &slowness, target.as_ref());
+        slowness = column_products(weights.as_ref(), driven.as_ref());
+        sort(&mut slowness, [&mut weights, &mut driven]);
     }
-    Ok(SlowFeatures { weights, mean: moments.mean(), slowness, lambda, rank_deficit: m - rank })
+    Ok(SlowFeatures { weights, mean: forms.mean, slowness, lambda, solver })
 }
 
-/// The Cholesky factor `R` of `Ḋ + λI`, unless λ = 0 or its pivots are within the rounding of the sums.
-fn usable_factor(rate: &Mat<f64>, lambda: f64) -> Option<Mat<f64>> {
-    let m = rate.nrows();
-    if lambda == 0.0 || m == 0 {
-        return None;
+/// The most memory that [`solve_with`] takes beside the moments, in bytes, for `k` features of `m` coordinates with λ > 0.
+///
+/// - By Lanczos iteration with a basis of at most `l` vectors: `8 (m² + m(l + 2k + 8b) + 5l²)`. That is one matrix, and a basis of
+///   `4k` vectors at most; `b` is 32, or 64 for 256 and more features.
+/// - Dense: `8 · 6m²`. With λ = 0, or no usable factor, `8 · 13m²`.
+///
+/// What the iteration cannot find is looked for in the dense way ([`Method::Lanczos`]), with more memory.
+pub fn solve_bytes(m: usize, k: usize, method: Method) -> usize {
+    let values = match method.tolerance(m, k) {
+        None => 6 * m * m,
+        Some(_) => {
+            let block = lanczos::block(k);
+            let basis = lanczos::basis_limit(k, block);
+            m * m + m * (basis + 2 * k + 8 * block) + 5 * basis * basis
+        }
+    };
+    values * size_of::<f64>()
+}
+
+/// The matrices of the problem as products with them: they are not built.
+struct Forms<'a> {
+    moments: &'a Moments,
+    /// `v̄`.
+    mean: Mat<f64>,
+    par: Par,
+}
+
+impl<'a> Forms<'a> {
+    fn new(moments: &'a Moments, par: Par) -> Self {
+        Forms { moments, mean: moments.mean(), par }
     }
-    let regularised = Mat::from_fn(m, m, |i, j| rate[(i, j)] + if i == j { lambda } else { 0.0 });
-    let r = regularised.llt(Side::Lower).ok()?.L().to_owned();
-    let largest = (0..m).map(|i| regularised[(i, i)]).fold(0.0, f64::max);
-    let smallest = (0..m).map(|i| r[(i, i)] * r[(i, i)]).fold(f64::INFINITY, f64::min);
-    (smallest > m as f64 * f64::EPSILON * largest).then_some(r)
-}
 
-/// The dense generalised eigenproblem: weights of the `features` largest μ, scaled to unit variance, and the number of
-/// directions with variance.
-fn slowest(covariance: &Mat<f64>, r: MatRef<'_, f64>, features: usize) -> Result<(Mat<f64>, usize), SlowError> {
-    let m = covariance.nrows();
-    // M = R⁻¹CR⁻ᵀ, by two triangular solves. faer's eigensolver gives other bits for other numbers of threads: one it is.
-    let mut half = covariance.clone();
-    solve_lower_triangular_in_place(r, half.as_mut(), Par::Seq);
-    let mut whole = half.transpose().to_owned();
-    solve_lower_triangular_in_place(r, whole.as_mut(), Par::Seq);
-    let eigen = whole.self_adjoint_eigen(Side::Lower).map_err(|_| SlowError::Eigenvalues(m))?;
-    let mu: Vec<f64> = (0..m).map(|i| eigen.S()[m - 1 - i]).collect();
-    let rank = mu.iter().take_while(|&&value| value > RANK_TOLERANCE * mu[0]).count();
-    if features == 0 || features > rank {
-        return Err(SlowError::Features { asked: features, rank });
+    /// `C·X`.
+    fn covariance_times(&self, x: MatRef<'_, f64>) -> Mat<f64> {
+        let mut product = times(self.moments.square.as_ref(), x, 1.0 / self.moments.frames(), self.par);
+        let along = self.mean.transpose() * x;
+        matmul(product.as_mut(), Accum::Add, self.mean.as_ref(), along.as_ref(), -1.0, self.par);
+        product
     }
-    let mut weights = Mat::from_fn(m, features, |i, j| eigen.U()[(i, m - 1 - j)] / mu[j].sqrt());
-    solve_upper_triangular_in_place(r.transpose(), weights.as_mut(), Par::Seq);
-    Ok((weights, rank))
+
+    /// `Ḋ·X`.
+    fn rate_times(&self, x: MatRef<'_, f64>) -> Mat<f64> {
+        times(self.moments.derivative.as_ref(), x, 1.0 / self.moments.links(), self.par)
+    }
+
+    /// Diagonal of `C`.
+    fn variances(&self) -> Vec<f64> {
+        let squares = self.moments.mean_squares();
+        squares.iter().enumerate().map(|(i, square)| square - self.mean[(i, 0)] * self.mean[(i, 0)]).collect()
+    }
+
+    /// Weights of the slowest features, in any order, and how they were found.
+    fn slowest(&self, features: usize, lambda: f64, method: Method) -> Result<(Mat<f64>, Solver), SlowError> {
+        let m = self.moments.size();
+        let Some(r) = self.usable_factor(lambda) else {
+            let (covariance, rate) = (self.moments.covariance(), self.moments.rate());
+            let (weights, rank) = revealed(&covariance, &rate, self.moments, features, lambda)?;
+            return Ok((weights, Solver::Dense { rank_deficit: m - rank }));
+        };
+        if let Some(tolerance) = method.tolerance(m, features) {
+            // M = R⁻¹CR⁻ᵀ.
+            let operator = |mut x: Mat<f64>| {
+                solve_upper_triangular_in_place(r.transpose(), x.as_mut(), self.par);
+                let mut x = self.covariance_times(x.as_ref());
+                solve_lower_triangular_in_place(r.as_ref(), x.as_mut(), self.par);
+                x
+            };
+            if let Some(found) = lanczos::largest(&operator, m, features, tolerance, self.par)? {
+                let Found { values, mut vectors, applied, residual } = found;
+                dense::to_weights(&mut vectors, &values, r.as_ref(), self.par);
+                return Ok((vectors, Solver::Lanczos { applied, residual }));
+            }
+        }
+        let (weights, rank) = dense::slowest(self.moments.covariance(), r.as_ref(), features, self.par)?;
+        Ok((weights, Solver::Dense { rank_deficit: m - rank }))
+    }
+
+    /// The Cholesky factor `R` of `Ḋ + λI`, unless λ = 0 or its pivots are within the rounding of the sums. Only its lower
+    /// triangle has a meaning.
+    fn usable_factor(&self, lambda: f64) -> Option<Mat<f64>> {
+        let m = self.moments.size();
+        if lambda == 0.0 || m == 0 {
+            return None;
+        }
+        let mut r = &self.moments.derivative * Scale(1.0 / self.moments.links());
+        (0..m).for_each(|i| r[(i, i)] += lambda);
+        let largest = (0..m).map(|i| r[(i, i)]).fold(0.0, f64::max);
+        let regular = cholesky(r.as_mut(), self.par);
+        let smallest = (0..m).map(|i| r[(i, i)] * r[(i, i)]).fold(f64::INFINITY, f64::min);
+        (regular && smallest > m as f64 * f64::EPSILON * largest).then_some(r)
+    }
 }
 
-/// Diagonal of `WᵀAW`.
-fn diagonal_of(weights: MatRef<'_, f64>, a: MatRef<'_, f64>) -> Vec<f64> {
-    let product = a * weights;
-    (0..weights.ncols()).map(|j| (0..weights.nrows()).map(|i| weights[(i, j)] * product[(i, j)]).sum()).collect()
+/// Scalar products of the columns of two matrices with each other.
+fn column_products(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Vec<f64> {
+    a.col_iter().zip(b.col_iter()).map(|(a, b)| a.iter().zip(b.iter()).map(|(a, b)| a * b).sum()).collect()
 }
 
-/// λ moves single features out of the order of their own Δ: put the columns in ascending order of slowness.
-pub(super) fn sort_columns(weights: &mut Mat<f64>, slowness: &mut [f64]) {
+/// λ moves single features out of the order of their own Δ: put columns in ascending order of slowness.
+pub(super) fn sort<const N: usize>(slowness: &mut [f64], matrices: [&mut Mat<f64>; N]) {
+    if slowness.is_sorted() {
+        return;
+    }
     let mut order: Vec<usize> = (0..slowness.len()).collect();
     order.sort_by(|&a, &b| slowness[a].total_cmp(&slowness[b]));
-    *weights = Mat::from_fn(weights.nrows(), weights.ncols(), |i, j| weights[(i, order[j])]);
+    for matrix in matrices {
+        let mut sorted = Mat::zeros(matrix.nrows(), matrix.ncols());
+        for (column, &from) in order.iter().enumerate() {
+            sorted.col_mut(column).copy_from(matrix.col(from));
+        }
+        *matrix = sorted;
+    }
     slowness.sort_by(f64::total_cmp);
 }
 
 /// Rotate groups of equally slow features, and flip the rest, towards an earlier solution.
 ///
 /// `target = C·W_old`, so that `Wᵀ·target` are correlations between new and old features. Each group takes the orthogonal
-/// matrix that brings it closest to the old features at its places (Procrustes); for a group of one that is its sign.
-fn align(weights: &mut Mat<f64>, slowness: &[f64], target: MatRef<'_, f64>) {
-    let k = weights.ncols().min(target.ncols());
+/// matrix that brings it closest to the old features at its places (Procrustes); for a group of one that is its sign. The
+/// first of the matrices are the weights `W`, the second is turned as they are.
+fn align(matrices: [&mut Mat<f64>; 2], slowness: &[f64], target: MatRef<'_, f64>) {
+    let k = matrices[0].ncols().min(target.ncols());
     let mut start = 0;
+    let [weights, driven] = matrices;
     while start < k {
         let mut end = start + 1;
         while end < k && slowness[end] - slowness[start] < EQUAL_SLOWNESS * slowness[start] {
             end += 1;
         }
-        let group = weights.as_ref().subcols(start, end - start).to_owned();
-        let correlation = group.transpose() * target.subcols(start, end - start);
-        if end - start == 1 {
+        let size = end - start;
+        let correlation = weights.as_ref().subcols(start, size).transpose() * target.subcols(start, size);
+        let turn = |turn: MatRef<'_, f64>, weights: &mut Mat<f64>, driven: &mut Mat<f64>| {
+            for matrix in [weights, driven] {
+                let turned = matrix.as_ref().subcols(start, size) * turn;
+                matrix.as_mut().subcols_mut(start, size).copy_from(&turned);
+            }
+        };
+        if size == 1 {
             if correlation[(0, 0)] < 0.0 {
-                weights.col_mut(start).iter_mut().for_each(|w| *w = -*w);
+                turn(Mat::from_fn(1, 1, |_, _| -1.0).as_ref(), weights, driven);
             }
         } else if let Ok(svd) = correlation.svd() {
-            let rotation = svd.U() * svd.V().transpose();
-            let rotated = &group * rotation;
-            weights.as_mut().subcols_mut(start, end - start).copy_from(&rotated);
+            turn((svd.U() * svd.V().transpose()).as_ref(), weights, driven);
         }
         start = end;
     }

@@ -1,0 +1,42 @@
+//! The dense reference solver: all eigenvalues of `M = R⁻¹CR⁻ᵀ`.
+
+use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
+use faer::{Mat, MatRef, Par};
+
+use super::error::SlowError;
+use super::symmetric::ascending;
+
+/// Eigenvalues below this share of the largest one are directions without variance: rounding of the sums is about
+/// n·2⁻⁵³ of it.
+pub(super) const RANK_TOLERANCE: f64 = 1e-13;
+
+/// Weights of the `features` largest μ, scaled to unit variance, and the number of directions with variance.
+pub(super) fn slowest(
+    covariance: Mat<f64>,
+    r: MatRef<'_, f64>,
+    features: usize,
+    par: Par,
+) -> Result<(Mat<f64>, usize), SlowError> {
+    let m = covariance.nrows();
+    // Two triangular solves in the place of C; the second sees it by its rows.
+    let mut whole = covariance;
+    solve_lower_triangular_in_place(r, whole.as_mut(), par);
+    solve_lower_triangular_in_place(r, whole.as_mut().transpose_mut(), par);
+    let (mu, vectors) = ascending(whole.as_ref())?;
+    let rank = mu.iter().rev().take_while(|&&value| value > RANK_TOLERANCE * mu[m - 1]).count();
+    if features == 0 || features > rank {
+        return Err(SlowError::Features { asked: features, rank });
+    }
+    let largest: Vec<f64> = mu.into_iter().rev().take(features).collect();
+    let mut weights = vectors.subcols(m - features, features).reverse_cols().to_owned();
+    to_weights(&mut weights, &largest, r, par);
+    Ok((weights, rank))
+}
+
+/// Turn eigenvectors `u` of `M` into weights of unit variance, `w = R⁻ᵀu/√μ`.
+pub(super) fn to_weights(vectors: &mut Mat<f64>, mu: &[f64], r: MatRef<'_, f64>, par: Par) {
+    for (column, mu) in vectors.col_iter_mut().zip(mu) {
+        column.iter_mut().for_each(|value| *value /= mu.sqrt());
+    }
+    solve_upper_triangular_in_place(r.transpose(), vectors.as_mut(), par);
+}
