@@ -124,8 +124,14 @@ impl Blocks {
         let mut weighted = Vec::with_capacity(actions);
         let mut gram = Vec::with_capacity(actions);
         for of_action in &members {
-            let plain = Mat::from_fn(f, of_action.len(), |i, j| data.phi[(i, of_action[j])]);
-            let heavy = Mat::from_fn(f, of_action.len(), |i, j| plain[(i, j)] * data.weights[of_action[j]]);
+            let mut plain = Mat::zeros(f, of_action.len());
+            let mut heavy = Mat::zeros(f, of_action.len());
+            for (column, &sample) in of_action.iter().enumerate() {
+                plain.col_mut(column).copy_from(data.phi.col(sample));
+                let weight = data.weights[sample];
+                faer::zip!(heavy.col_mut(column), data.phi.col(sample))
+                    .for_each(|faer::unzip!(heavy, phi)| *heavy = phi * weight);
+            }
             let mut g = Mat::zeros(f, f);
             matmul(g.as_mut(), Accum::Replace, heavy.as_ref(), plain.transpose(), 1.0, par);
             weighted.push(heavy);
@@ -134,9 +140,29 @@ impl Blocks {
         Ok(Blocks { features: f, actions, members, weighted, gram, par })
     }
 
-    /// Sample numbers of each action.
-    pub fn members(&self) -> &[Vec<usize>] {
-        &self.members
+    /// Number of features `f`.
+    pub fn features(&self) -> usize {
+        self.features
+    }
+
+    /// Number of actions `A`.
+    pub fn actions(&self) -> usize {
+        self.actions
+    }
+
+    /// Sample numbers of an action.
+    pub fn members(&self, action: usize) -> &[usize] {
+        &self.members[action]
+    }
+
+    /// `ω_i φ_i` of the samples of an action, `f × N_a`.
+    pub fn weighted(&self, action: usize) -> MatRef<'_, f64> {
+        self.weighted[action].as_ref()
+    }
+
+    /// On which threads products run.
+    pub fn par(&self) -> Par {
+        self.par
     }
 
     /// `G_a` of each action.
@@ -154,37 +180,6 @@ impl Blocks {
             right.as_mut().subrows_mut(a * f, f).copy_from(&part);
         }
         right
-    }
-
-    /// `M` of a policy, `π(b | x′_i)` at `(b, i)`: the blocks `M_ab` as one `fA × fA` matrix.
-    pub fn cross_of(&self, next: MatRef<'_, f64>, policy: MatRef<'_, f64>) -> Mat<f64> {
-        let f = self.features;
-        let mut cross = Mat::zeros(f * self.actions, f * self.actions);
-        for (a, members) in self.members.iter().enumerate() {
-            for b in 0..self.actions {
-                let after = Mat::from_fn(f, members.len(), |i, j| policy[(b, members[j])] * next[(i, members[j])]);
-                let block = cross.as_mut().submatrix_mut(a * f, b * f, f, f);
-                matmul(block, Accum::Replace, self.weighted[a].as_ref(), after.transpose(), 1.0, self.par);
-            }
-        }
-        cross
-    }
-
-    /// `M ← (1 − β)M + β·M(greedy)`, where the greedy policy takes action `chosen[i]` at `x′_i`: one product per sample.
-    pub fn mix_in_greedy(&self, cross: &mut Mat<f64>, next: MatRef<'_, f64>, chosen: &[usize], beta: f64) {
-        let f = self.features;
-        *cross *= Scale(1.0 - beta);
-        for (a, members) in self.members.iter().enumerate() {
-            for b in 0..self.actions {
-                // (column among the members of a, sample) of those that go on with b.
-                let acting: Vec<(usize, usize)> =
-                    members.iter().copied().enumerate().filter(|&(_, index)| chosen[index] == b).collect();
-                let before = Mat::from_fn(f, acting.len(), |i, j| self.weighted[a][(i, acting[j].0)]);
-                let after = Mat::from_fn(f, acting.len(), |i, j| next[(i, acting[j].1)]);
-                let block = cross.as_mut().submatrix_mut(a * f, b * f, f, f);
-                matmul(block, Accum::Add, before.as_ref(), after.transpose(), beta, self.par);
-            }
-        }
     }
 
     /// Q-weights of the policy with the given `M`, `f × A`.

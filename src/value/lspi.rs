@@ -6,6 +6,7 @@ use faer::{Mat, MatRef, Par};
 use rand::RngExt;
 
 use super::blocks::{Blocks, Outcomes, Samples};
+use super::cross::{self, GreedyCross};
 use super::error::{discount, finite_matrix, parameter, ridge};
 use super::norm::closeness_weights;
 use super::soft::LocalErrors;
@@ -176,7 +177,7 @@ impl<'a> Lspi<'a> {
         policy.check_size(self.data.phi.ncols(), self.actions)?;
         super::error::discount_or_one(gamma)?;
         super::error::ridge(ridge)?;
-        let cross = self.blocks.cross_of(outcomes.next, policy.probabilities());
+        let cross = cross::of_policy(&self.blocks, outcomes.next, policy.probabilities());
         self.blocks.solve(&cross, &self.blocks.right_hand_side(outcomes.rewards), gamma, ridge)
     }
 
@@ -251,6 +252,8 @@ struct System<'p> {
     outcomes: &'p Outcomes<'p>,
     options: &'p Options,
     cross: Mat<f64>,
+    /// `M` of the greedy policy alone, from the first improvement on, where no option needs the policy itself.
+    greedy: Option<GreedyCross>,
     right: Mat<f64>,
     /// Blocks under the policy-dependent norm.
     reweighted: Option<Blocks>,
@@ -263,12 +266,12 @@ struct System<'p> {
 impl<'p> System<'p> {
     fn new(problem: &'p Lspi<'p>, outcomes: &'p Outcomes<'p>, options: &'p Options) -> Result<Self, ValueError> {
         let policy = first_policy(outcomes, problem.actions, options.start);
-        let cross = problem.blocks.cross_of(outcomes.next, policy.as_ref());
+        let cross = cross::of_policy(&problem.blocks, outcomes.next, policy.as_ref());
         let right = problem.blocks.right_hand_side(outcomes.rewards);
         let policy = (options.soft || options.closeness.is_some()).then_some(policy);
         let local = || LocalErrors::new(&problem.blocks, problem.data.weights, outcomes.next, options.ridge);
         let errors = if options.soft { Some(local()?) } else { None };
-        Ok(System { problem, outcomes, options, cross, right, reweighted: None, policy, errors })
+        Ok(System { problem, outcomes, options, cross, greedy: None, right, reweighted: None, policy, errors })
     }
 
     fn blocks(&self) -> &Blocks {
@@ -283,8 +286,16 @@ impl<'p> System<'p> {
     fn improve(&mut self, weights: &Mat<f64>, q: &Mat<f64>, chosen: &[usize]) -> Result<(), ValueError> {
         let Some(mut policy) = self.policy.take() else {
             // No policy is kept only without soft actions and norm: the blocks are the problem's.
-            let blocks = &self.problem.blocks;
-            blocks.mix_in_greedy(&mut self.cross, self.outcomes.next, chosen, self.options.mixing);
+            let (blocks, next) = (&self.problem.blocks, self.outcomes.next);
+            match &mut self.greedy {
+                Some(greedy) => greedy.update(blocks, next, chosen),
+                greedy => *greedy = Some(GreedyCross::new(blocks, next, chosen)),
+            }
+            if let Some(greedy) = &self.greedy {
+                let beta = self.options.mixing;
+                faer::zip!(&mut self.cross, greedy.matrix())
+                    .for_each(|faer::unzip!(mixed, greedy)| *mixed = (1.0 - beta) * *mixed + beta * greedy);
+            }
             return Ok(());
         };
         let data = self.problem.data;
@@ -307,7 +318,7 @@ impl<'p> System<'p> {
             self.right = blocks.right_hand_side(self.outcomes.rewards);
             self.reweighted = Some(blocks);
         }
-        self.cross = self.blocks().cross_of(self.outcomes.next, policy.as_ref());
+        self.cross = cross::of_policy(self.blocks(), self.outcomes.next, policy.as_ref());
         self.policy = Some(policy);
         Ok(())
     }

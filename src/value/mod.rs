@@ -53,6 +53,7 @@
 
 mod batch;
 mod blocks;
+mod cross;
 mod error;
 pub mod exact;
 mod finite;

@@ -43,10 +43,14 @@ impl LocalErrors {
                 leverage[(b, i)] = inverses.iter().enumerate().map(|(k, s)| s * turned[(k, i)].powi(2)).sum();
             }
             let rank = (0..f).filter(|&i| seen(i)).count();
-            let samples = blocks.members()[b].iter().filter(|&&i| weights[i] > 0.0).count();
+            let samples = blocks.members(b).iter().filter(|&&i| weights[i] > 0.0).count();
             freedom.push(samples.saturating_sub(rank).max(1) as f64);
         }
-        Ok(LocalErrors { leverage, members: blocks.members().to_vec(), freedom })
+        Ok(LocalErrors {
+            leverage,
+            members: (0..blocks.actions()).map(|b| blocks.members(b).to_vec()).collect(),
+            freedom,
+        })
     }
 
     /// The probability of each action to be the best one that may follow, `A × N`, from the values `q` at `x′` and the
