@@ -60,7 +60,7 @@ impl Act {
         let leg = self.behaviour.next(self.number, &percept.boundary.in_goal, self.learned.is_some());
         let (action, q_values, reflex) = match (leg, &self.learned) {
             (Leg::Pursue(task), Some(learned)) => {
-                let values = learned.q_values_of(&percept.observation, task);
+                let values = learned.q_values(&percept.observation, task);
                 let (action, reflex) = self.reflexes.best(values, recent);
                 (action, Some(values), reflex)
             }

@@ -160,7 +160,8 @@ pub fn read_checkpoint(bytes: &[u8], path: &Path) -> Result<(Learned, Scenario),
     let members = Mat::from_fn(members.nrows(), members.ncols(), |i, j| members[(i, j)] as f32);
     let model = SlowModel::from_parts(kernel, members, projection, offset, slowness).map_err(damaged)?;
     let epoch = u32::try_from(number("epoch")?).map_err(damaged)?;
-    let learned = Learned { epoch, asked_at: number("asked_at")?, frames: number("frames")?, model, weights };
+    let (asked_at, frames) = (number("asked_at")?, number("frames")?);
+    let learned = Learned::new(epoch, asked_at, frames, model, weights).map_err(damaged)?;
     if learned.digest() != *entry("digest")? {
         return Err(damaged("its digest is not that of its content"));
     }

@@ -27,14 +27,21 @@ pub struct Timing {
 }
 
 /// Durations with three digits from a microsecond up to an hour, in bounded memory.
-pub struct Clock(Histogram<u64>);
+pub struct Clock {
+    durations: Histogram<u64>,
+    /// When a percentile was last published, see [`Clock::p99_now_and_then`].
+    published: Instant,
+}
+
+/// Time between percentiles of a running clock: each one walks through all counts, and the log gets one a second.
+const PUBLISH_INTERVAL: Duration = Duration::from_secs(1);
 
 impl Clock {
     /// No durations yet.
     pub fn new() -> Self {
-        // These bounds are valid: 1 ≤ low, 2 low ≤ high, at most 5 digits.
         // The crate asks for low ≥ 1, high ≥ 2·low and at most 5 digits.
-        Clock(Histogram::new_with_bounds(1, 3_600_000_000, 3).expect("valid bounds"))
+        let durations = Histogram::new_with_bounds(1, 3_600_000_000, 3).expect("valid bounds");
+        Clock { durations, published: Instant::now() }
     }
 
     /// Do some work and keep how long it took.
@@ -47,16 +54,25 @@ impl Clock {
 
     /// Keep a duration.
     pub fn keep(&mut self, duration: Duration) {
-        self.0.saturating_record(duration.as_micros() as u64);
+        self.durations.saturating_record(duration.as_micros() as u64);
     }
 
     /// The duration that a share `q` of all stays below, milliseconds.
     pub fn quantile_ms(&self, q: f64) -> f64 {
-        self.0.value_at_quantile(q) as f64 / 1000.0
+        self.durations.value_at_quantile(q) as f64 / 1000.0
+    }
+
+    /// The duration that 99 % of all stay below, milliseconds, if none was given within the last second.
+    pub fn p99_now_and_then(&mut self) -> Option<f64> {
+        if self.published.elapsed() < PUBLISH_INTERVAL {
+            return None;
+        }
+        self.published = Instant::now();
+        Some(self.quantile_ms(0.99))
     }
 
     /// The longest duration, milliseconds.
     pub fn max_ms(&self) -> f64 {
-        self.0.max() as f64 / 1000.0
+        self.durations.max() as f64 / 1000.0
     }
 }

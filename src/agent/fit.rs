@@ -7,46 +7,48 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use faer::{Mat, Par};
+use rayon::prelude::*;
 
 use super::messages::{FitRequest, Update};
 use crate::policy::{Learned, Recent, Reflexes, columns};
-use crate::scenario::Scenario;
+use crate::scenario::{Scenario, Task};
 use crate::slow::{SlowError, SlowModel};
-use crate::value::{Fit, Lspi, LspiOptions, Outcomes, Samples, Transition, ValueError, balance};
+use crate::value::{Fit, Lspi, LspiOptions, Outcomes, Samples, Transition, ValueError, balance, greedy};
 use crate::vision::Observation;
 use crate::world::Action;
 
-/// Observations that are projected in one product, so that memory stays bounded.
-const PROJECT_AT_ONCE: usize = 2048;
+/// Observations that are projected in one product: their products and kernel values take `12 · 512 · m` bytes.
+const PROJECT_AT_ONCE: usize = 512;
 
 /// Least-squares policy iteration over the window.
 pub struct FitPolicies {
     scenario: Arc<Scenario>,
     reflexes: Reflexes,
+    par: Par,
     epoch: u32,
 }
 
 impl FitPolicies {
-    /// A fitter for the tasks of a scenario.
-    pub fn new(scenario: Arc<Scenario>) -> Self {
-        FitPolicies { reflexes: Reflexes::new(&scenario.policy), scenario, epoch: 0 }
+    /// A fitter for the tasks of a scenario; its results do not depend on `par`.
+    pub fn new(scenario: Arc<Scenario>, par: Par) -> Self {
+        FitPolicies { reflexes: Reflexes::new(&scenario.policy), scenario, par, epoch: 0 }
     }
 
     /// Policies for a new model. Nothing of an older model is used: the whole window is projected again.
     pub fn step(&mut self, request: FitRequest) -> Update {
         let transitions = request.window.len();
         let fitted = request.model.and_then(|model| {
-            let projected = Projection::new(&model, &request.window).map_err(|error| error.to_string())?;
+            let projected = Projection::new(&model, &request.window, self.par).map_err(|error| error.to_string())?;
             let fits = self.fit(&projected, &request.window).map_err(|error| error.to_string())?;
-            Ok((model, fits))
+            let weights = fits.iter().map(|fit| fit.weights.clone()).collect();
+            let learned = Learned::new(self.epoch + 1, request.asked_at, request.frames, model, weights);
+            Ok((Arc::new(learned.map_err(|error| error.to_string())?), fits))
         });
         let (learned, fits) = match fitted {
             Err(reason) => (Err(reason), Vec::new()),
-            Ok((model, fits)) => {
-                self.epoch += 1;
-                let weights = fits.iter().map(|fit| fit.weights.clone()).collect();
-                let (epoch, asked_at, frames) = (self.epoch, request.asked_at, request.frames);
-                (Ok(Arc::new(Learned { epoch, asked_at, frames, model, weights })), fits)
+            Ok((learned, fits)) => {
+                self.epoch = learned.epoch;
+                (Ok(learned), fits)
             }
         };
         Update { asked_at: request.asked_at, learned, fits, transitions }
@@ -56,15 +58,13 @@ impl FitPolicies {
         let settings = &self.scenario.value;
         let from: Vec<usize> = window.iter().map(|t| projected.place[&t.from.frame]).collect();
         let to: Vec<usize> = window.iter().map(|t| projected.place[&t.to.frame]).collect();
-        let column =
-            |places: &[usize]| Mat::from_fn(projected.phi.nrows(), places.len(), |i, j| projected.phi[(i, places[j])]);
-        let (phi, next) = (column(&from), column(&to));
+        let (phi, next) = (projected.features_at(&from), projected.features_at(&to));
         let actions: Vec<usize> = window.iter().map(|t| t.action).collect();
         let groups: Vec<(usize, usize)> =
             from.iter().zip(&actions).map(|(&place, &action)| (projected.cell[place], action)).collect();
         let weights = balance(&groups, settings.balance)?;
         let samples = Samples { phi: phi.as_ref(), actions: &actions, weights: &weights };
-        let problem = Lspi::new(samples, Action::ALL.len(), Par::Seq)?;
+        let problem = Lspi::new(samples, Action::ALL.len(), self.par)?;
         let options = LspiOptions {
             gamma: settings.gamma,
             ridge: settings.ridge,
@@ -74,20 +74,24 @@ impl FitPolicies {
             ..LspiOptions::default()
         };
         let allowed: Vec<u32> = window.iter().map(|t| self.allowed_after(t)).collect();
-        let tasks = self.scenario.tasks.iter().enumerate();
-        tasks
-            .map(|(number, task)| {
-                let rewards: Vec<f64> = window.iter().map(|t| t.rewards[number]).collect();
-                let outcomes = Outcomes { next: next.as_ref(), rewards: &rewards, allowed: Some(&allowed) };
-                if !task.absorbing {
-                    return problem.fit(&outcomes, &options);
-                }
-                let until_goal = Mat::from_fn(next.nrows(), next.ncols(), |i, j| {
-                    if window[j].reached[number] { 0.0 } else { next[(i, j)] }
-                });
-                problem.fit(&Outcomes { next: until_goal.as_ref(), ..outcomes }, &options)
-            })
-            .collect()
+        let fit = |(number, task): (usize, &Task)| {
+            let rewards: Vec<f64> = window.iter().map(|t| t.rewards[number]).collect();
+            let outcomes = Outcomes { next: next.as_ref(), rewards: &rewards, allowed: Some(&allowed) };
+            if !task.absorbing {
+                return problem.fit(&outcomes, &options);
+            }
+            let mut until_goal = next.clone();
+            for (j, _) in window.iter().enumerate().filter(|(_, t)| t.reached[number]) {
+                until_goal.col_mut(j).fill(0.0);
+            }
+            problem.fit(&Outcomes { next: until_goal.as_ref(), ..outcomes }, &options)
+        };
+        let tasks = &self.scenario.tasks;
+        let fits: Vec<Result<Fit, ValueError>> = match self.par {
+            Par::Seq => tasks.iter().enumerate().map(fit).collect(),
+            _ => tasks.par_iter().enumerate().map(fit).collect(),
+        };
+        fits.into_iter().collect()
     }
 
     /// The actions that the reflexes let follow a transition, as bits.
@@ -111,7 +115,7 @@ struct Projection {
 }
 
 impl Projection {
-    fn new(model: &SlowModel<f32>, window: &[Transition<Arc<Observation>>]) -> Result<Self, SlowError> {
+    fn new(model: &SlowModel<f32>, window: &[Transition<Arc<Observation>>], par: Par) -> Result<Self, SlowError> {
         let unique: BTreeMap<u64, &Arc<Observation>> =
             window.iter().flat_map(|t| [&t.from, &t.to]).map(|seen| (seen.frame, seen)).collect();
         let place = unique.keys().enumerate().map(|(column, &frame)| (frame, column)).collect();
@@ -119,15 +123,21 @@ impl Projection {
         let mut phi = Mat::zeros(model.features(), seen.len());
         let mut cell = Vec::with_capacity(seen.len());
         for (index, part) in seen.chunks(PROJECT_AT_ONCE).enumerate() {
-            let rows = model.kernel_rows(columns(part.iter().copied()).as_ref(), Par::Seq)?;
-            let features = model.apply_to_rows(rows.as_ref(), Par::Seq)?;
+            let rows = model.kernel_rows(columns(part.iter().copied()).as_ref(), par)?;
+            let features = model.apply_to_rows(rows.as_ref(), par)?;
             phi.as_mut().subcols_mut(index * PROJECT_AT_ONCE, part.len()).copy_from(&features);
-            cell.extend((0..part.len()).map(|j| {
-                let largest =
-                    |best: (usize, f64), i: usize| if rows[(i, j)] > best.1 { (i, rows[(i, j)]) } else { best };
-                (0..rows.nrows()).fold((0, f64::NEG_INFINITY), largest).0
-            }));
+            // The nearest support vector is the one with the largest kernel value.
+            cell.extend(rows.col_iter().map(|row| greedy(row.iter().copied())));
         }
         Ok(Projection { place, phi, cell })
+    }
+
+    /// Features of some observations, one a column.
+    fn features_at(&self, places: &[usize]) -> Mat<f64> {
+        let mut features = Mat::zeros(self.phi.nrows(), places.len());
+        for (j, &place) in places.iter().enumerate() {
+            features.col_mut(j).copy_from(self.phi.col(place));
+        }
+        features
     }
 }

@@ -90,8 +90,11 @@ pub fn perceive(
             return Ok(done);
         }
         done.clock.keep(begin.elapsed());
-        let p99 = done.clock.quantile_ms(0.99);
-        status.update(|s| (s.frames, s.stamp_ns, s.frame_p99_ms) = (done.frames, stamp, p99));
+        let p99 = done.clock.p99_now_and_then();
+        status.update(|s| {
+            (s.frames, s.stamp_ns) = (done.frames, stamp);
+            s.frame_p99_ms = p99.unwrap_or(s.frame_p99_ms);
+        });
     }
 }
 
@@ -183,8 +186,11 @@ impl Deciding<'_> {
                 reached: sum.reached + tally.reached,
                 ended: sum.ended + tally.ended,
             });
-            let p99 = acted.clock.quantile_ms(0.99);
-            self.status.update(|s| (s.actions, s.pursuits, s.act_p99_ms) = (acted.actions as usize, pursuits, p99));
+            let p99 = acted.clock.p99_now_and_then();
+            self.status.update(|s| {
+                (s.actions, s.pursuits) = (acted.actions as usize, pursuits);
+                s.act_p99_ms = p99.unwrap_or(s.act_p99_ms);
+            });
         }
         // No more actions: the source ends, then perceive with its last request, and then the solvers.
         drop(actions);

@@ -164,7 +164,7 @@ pub fn run(
             Ok(clock)
         })?;
         let fitter = crew.start("fit", move || {
-            let (mut fit, mut clock) = (FitPolicies::new(scenario.clone()), Clock::new());
+            let (mut fit, mut clock) = (FitPolicies::new(scenario.clone(), faer::Par::Seq), Clock::new());
             while let Ok(request) = fit_in.take() {
                 if updates_out.put(clock.time(|| fit.step(request))).is_err() {
                     break;

@@ -2,13 +2,12 @@
 
 use std::sync::Arc;
 
-use faer::Par;
 use nalgebra::Point2;
 use rayon::prelude::*;
 use serde::Serialize;
 
 use super::{draw_pose, wilson_low};
-use crate::policy::{Learned, Recent, Reflexes, columns, optimal_steps, reference_action};
+use crate::policy::{Learned, Recent, Reflexes, optimal_steps, reference_action};
 use crate::random::{fix_parallelism, stream};
 use crate::scenario::{Scenario, Task};
 use crate::vision::{Observation, observe};
@@ -161,7 +160,7 @@ impl Evaluator {
         ratios.sum::<f64>() / outcome.steps.len() as f64
     }
 
-    /// All trials of a task, one step of all of them at a time, so that features are computed in blocks.
+    /// All trials of a task, one step of all of them at a time: seen and judged side by side, then driven.
     fn run(&self, learned: &Learned, task: usize, reflexes: Reflexes) -> Outcome {
         let mut trials = self.begin(task);
         for _ in 0..self.scenario.evaluate.max_steps {
@@ -169,10 +168,9 @@ impl Evaluator {
             if active.is_empty() {
                 break;
             }
-            let seen: Vec<Observation> = active.par_iter_mut().map(|trial| self.look(trial)).collect();
-            let q = learned.q_values(columns(seen.iter()).as_ref(), task, Par::Seq);
-            for (j, trial) in active.iter_mut().enumerate() {
-                let values = [q[(0, j)], q[(1, j)], q[(2, j)]];
+            let judge = |trial: &mut &mut Trial| learned.q_values(&self.look(trial), task);
+            let values: Vec<[f64; 3]> = active.par_iter_mut().map(judge).collect();
+            for (trial, values) in active.iter_mut().zip(values) {
                 let (action, _) = reflexes.best(values, trial.recent);
                 self.act(trial, action, &self.scenario.tasks[task]);
             }

@@ -3,6 +3,7 @@
 use faer::{Mat, MatRef, Par};
 use sha2::{Digest, Sha256};
 
+use super::pixel_values::{PixelValues, PolicyError};
 use crate::scenario::hex;
 use crate::slow::SlowModel;
 use crate::vision::Observation;
@@ -20,6 +21,8 @@ pub struct Learned {
     pub model: SlowModel<f32>,
     /// Q-weights of each task, `f × 3`: `Q(x, a) = φ(x)ᵀ w_a`.
     pub weights: Vec<Mat<f64>>,
+    /// The same Q-values, straight from pixels.
+    values: PixelValues,
 }
 
 /// Observations as the columns of a matrix, `d × n`, in the whole numbers that kernels are exact on.
@@ -30,14 +33,32 @@ pub fn columns<'a>(observations: impl ExactSizeIterator<Item = &'a Observation>)
         if j == 0 {
             x = Mat::zeros(observation.pixels.len(), n);
         }
-        for (entry, value) in x.col_mut(j).iter_mut().zip(observation.values()) {
-            *entry = value;
+        // The columns of a matrix of our own lie one after another.
+        if let Some(column) = x.col_mut(j).try_as_col_major_mut() {
+            for (entry, value) in column.as_slice_mut().iter_mut().zip(observation.values()) {
+                *entry = value;
+            }
         }
     }
     x
 }
 
 impl Learned {
+    /// Features with the weights of each task, `f × 3`.
+    ///
+    /// # Errors
+    /// Support vectors that are no observations, weights that do not fit the features or the three actions.
+    pub fn new(
+        epoch: u32,
+        asked_at: u64,
+        frames: u64,
+        model: SlowModel<f32>,
+        weights: Vec<Mat<f64>>,
+    ) -> Result<Self, PolicyError> {
+        let values = PixelValues::new(&model, &weights)?;
+        Ok(Learned { epoch, asked_at, frames, model, weights, values })
+    }
+
     /// Width of the kernel, grey levels. A scenario's kernels are radial.
     pub fn sigma(&self) -> f64 {
         self.model.kernel.sigma().unwrap_or(f64::NAN)
@@ -57,15 +78,12 @@ impl Learned {
         self.model.apply(x, par).expect("observations and support vectors have the size that the scenario sets")
     }
 
-    /// Q-values of observations for one task: `x: d × n` gives `3 × n`.
-    pub fn q_values(&self, x: MatRef<'_, f32>, task: usize, par: Par) -> Mat<f64> {
-        self.weights[task].transpose() * self.features(x, par)
-    }
-
-    /// Q-values of one observation for one task.
-    pub fn q_values_of(&self, observation: &Observation, task: usize) -> [f64; 3] {
-        let q = self.q_values(columns([observation].into_iter()).as_ref(), task, Par::Seq);
-        [q[(0, 0)], q[(1, 0)], q[(2, 0)]]
+    /// Q-values of an observation for one task, for driving and trials alike; no memory is allocated.
+    ///
+    /// # Panics
+    /// If the observation is not of the size that the scenario sets, see [`Learned::features`].
+    pub fn q_values(&self, observation: &Observation, task: usize) -> [f64; 3] {
+        self.values.of(observation, task)
     }
 
     /// A hash over dictionary, features and policy weights, bit by bit.

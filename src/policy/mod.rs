@@ -6,6 +6,7 @@
 mod learned;
 mod legs;
 mod optimal;
+mod pixel_values;
 mod reference;
 mod reflex;
 mod walk;
@@ -13,6 +14,7 @@ mod walk;
 pub use learned::{Learned, columns};
 pub use legs::{Behaviour, Leg, Tally};
 pub use optimal::optimal_steps;
+pub use pixel_values::{PixelValues, PolicyError};
 pub use reference::reference_action;
 pub use reflex::{Recent, Reflexes};
 pub use walk::{Walk, clearance_ahead};

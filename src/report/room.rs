@@ -4,7 +4,6 @@ use std::collections::VecDeque;
 use std::f64::consts::TAU;
 use std::path::Path;
 
-use faer::Par;
 use nalgebra::{Point2, Vector2};
 use plotters::coord::Shift;
 use plotters::coord::types::RangedCoordf64;
@@ -14,7 +13,7 @@ use rayon::prelude::*;
 use super::picture::{DrawError, INK, SMALL, text};
 use crate::log::messages::PoseStamped;
 use crate::log::{LogError, LogReader, Record, topics};
-use crate::policy::{Learned, columns};
+use crate::policy::Learned;
 use crate::scenario::{Plan, Scenario, Task, plan_segments};
 use crate::vision::observe;
 use crate::world::{Pose, World, in_goal};
@@ -111,11 +110,9 @@ impl Survey {
                 let poses = block.iter().flat_map(|&place| (0..HEADINGS).map(move |h| Pose::new(place, angle(h))));
                 let seen: Vec<_> =
                     poses.map(|pose| observe(&world.camera.render(&pose), &scenario.vision, 0)).collect();
-                let x = columns(seen.iter());
                 let judge = |task| {
-                    let q = learned.q_values(x.as_ref(), task, Par::Seq);
-                    let best: Vec<f64> =
-                        (0..q.ncols()).map(|j| q.col(j).iter().copied().fold(f64::NEG_INFINITY, f64::max)).collect();
+                    let highest = |q: [f64; 3]| q.into_iter().fold(f64::NEG_INFINITY, f64::max);
+                    let best: Vec<f64> = seen.iter().map(|seen| highest(learned.q_values(seen, task))).collect();
                     best.chunks(HEADINGS).map(Worth::new).collect()
                 };
                 (0..tasks).map(judge).collect()

@@ -118,6 +118,25 @@ impl<T: Scalar> SlowModel<T> {
         Ok(self.kernel.matrix(self.members.as_ref().as_ref(), &self.norms, x, &squared_norms(x), par)?)
     }
 
+    /// Linear functions of the features as functions of the kernel values: `(B, c)` with `Wᵀφ(x) = Bᵀk(x) + c`.
+    ///
+    /// Whoever needs the functions alone saves the features, `m × k` operations for each observation. The two forms are
+    /// equal up to rounding.
+    ///
+    /// # Shapes
+    /// `weights: (k + 1) × r` gives `m × r` and `r` constants.
+    ///
+    /// # Errors
+    /// Weights for another number of features.
+    pub fn over_kernel_values(&self, weights: MatRef<'_, f64>) -> Result<(Mat<f64>, Vec<f64>), SlowError> {
+        self.check()?;
+        SlowError::unless_fits("the number of features that have weights", weights.nrows(), self.features())?;
+        let others = weights.subrows(1, self.offset.len());
+        let centre = |j: usize| others.col(j).iter().zip(&self.offset).map(|(w, c)| w * c).sum::<f64>();
+        let constants = (0..weights.ncols()).map(|j| weights[(0, j)] - centre(j)).collect();
+        Ok((&self.projection * others, constants))
+    }
+
     /// Features from kernel rows: `m × n` gives `(k + 1) × n`.
     ///
     /// # Errors

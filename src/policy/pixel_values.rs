@@ -1,0 +1,138 @@
+//! Q-values straight from an observation's pixels: what a decision costs while driving.
+
+use faer::Mat;
+use thiserror::Error;
+
+use crate::kernel::Kernel;
+use crate::slow::{SlowError, SlowModel};
+use crate::vision::{Observation, ZERO};
+
+/// Values whose products with a support vector are summed in 32 bits: each is below 128 · 255 in size.
+const CHUNK: usize = 1 << 16;
+
+/// Why a model cannot be acted on.
+#[derive(Debug, Error, Clone, PartialEq)]
+pub enum PolicyError {
+    /// A support vector that no observation can be.
+    #[error("support vector {index} holds {value}: values of observations are whole numbers from -128 to 127")]
+    NotAnObservation {
+        /// Which support vector, from 0.
+        index: usize,
+        /// What it holds.
+        value: f32,
+    },
+    /// Weights for other features, or for another number of actions.
+    #[error("the weights of task {task} are for {actions} actions, but there are 3")]
+    Actions {
+        /// Which task, from 0.
+        task: usize,
+        /// Columns of its weights.
+        actions: usize,
+    },
+    /// Weights that do not fit the features.
+    #[error(transparent)]
+    Features(#[from] SlowError),
+}
+
+/// Q-values of all tasks as functions of kernel values, `Q(x, a) = b_aᵀk(x) + c_a`, over support vectors as bytes.
+///
+/// With features `φ(x) = [1, Aᵀk(x) − c]` and weights `w_a = [w₀, w]`, `Q(x, a) = w_aᵀφ(x)` is the same as
+/// `(Aw)ᵀk(x) + (w₀ − cᵀw)`. `Aw` is made once for each model, so a decision needs one kernel value and three products for
+/// each support vector, whatever the number of features, and no memory is allocated.
+///
+/// Observations are bytes, so support vectors are kept as bytes too: reading them is what takes the time, and this is a
+/// quarter of the `f32` values. Products `sᵀx` of whole numbers are exact in any order, hence the same bits on any
+/// machine, and the same as those of [`Kernel::matrix`] where these are exact.
+///
+/// The memory taken is `m (d + 16 + 24 · tasks)` bytes for `m` support vectors of `d` values.
+#[derive(Debug, Clone)]
+pub struct PixelValues {
+    kernel: Kernel,
+    /// Values of an observation `d`.
+    length: usize,
+    /// Support vectors one after another, `d` bytes each.
+    members: Vec<i8>,
+    /// For each support vector `128 Σ s` and `‖s‖²`.
+    sums: Vec<(f64, f64)>,
+    tasks: Vec<Task>,
+}
+
+/// One task's Q-values.
+#[derive(Debug, Clone)]
+struct Task {
+    /// `b_a` at each support vector.
+    coefficients: Vec<[f64; 3]>,
+    /// `c_a`.
+    constant: [f64; 3],
+}
+
+impl PixelValues {
+    /// The Q-values of a model with the weights of each task, `f × 3`.
+    ///
+    /// # Errors
+    /// Support vectors that are not whole numbers from −128 to 127, weights that do not fit the model's features or the
+    /// three actions.
+    pub fn new(model: &SlowModel<f32>, weights: &[Mat<f64>]) -> Result<Self, PolicyError> {
+        let mut members = Vec::with_capacity(model.members.nrows() * model.members.ncols());
+        let mut sums = Vec::with_capacity(model.members.ncols());
+        for (index, member) in model.members.col_iter().enumerate() {
+            let (mut sum, mut norm) = (0.0, 0.0);
+            for &value in member.iter() {
+                let byte = value as i8;
+                if f32::from(byte) != value {
+                    return Err(PolicyError::NotAnObservation { index, value });
+                }
+                members.push(byte);
+                sum += f64::from(value);
+                norm += f64::from(value) * f64::from(value);
+            }
+            sums.push((f64::from(ZERO) * sum, norm));
+        }
+        let task = |(task, weights): (usize, &Mat<f64>)| {
+            if weights.ncols() != 3 {
+                return Err(PolicyError::Actions { task, actions: weights.ncols() });
+            }
+            let (b, c) = model.over_kernel_values(weights.as_ref())?;
+            let coefficients = (0..b.nrows()).map(|i| [b[(i, 0)], b[(i, 1)], b[(i, 2)]]).collect();
+            Ok(Task { coefficients, constant: [c[0], c[1], c[2]] })
+        };
+        let tasks: Result<Vec<Task>, PolicyError> = weights.iter().enumerate().map(task).collect();
+        Ok(PixelValues { kernel: model.kernel, length: model.members.nrows(), members, sums, tasks: tasks? })
+    }
+
+    /// Q-values of an observation for one task.
+    ///
+    /// # Panics
+    /// If there is no such task, or if the observation has another number of pixels than the support vectors.
+    pub fn of(&self, observation: &Observation, task: usize) -> [f64; 3] {
+        let pixels = observation.pixels.as_slice();
+        assert_eq!(pixels.len(), self.length, "observations and support vectors have the size that the scenario sets");
+        let task = &self.tasks[task];
+        let norm: f64 = observation.values().map(|value| f64::from(value) * f64::from(value)).sum();
+        let mut q = task.constant;
+        // With the widest instructions that this machine has.
+        pulp::Arch::new().dispatch(
+            #[inline(always)]
+            || {
+                let members = self.members.chunks_exact(self.length.max(1));
+                for ((member, &(sum, member_norm)), coefficients) in members.zip(&self.sums).zip(&task.coefficients) {
+                    // Σ s (p − 128) = Σ s p − 128 Σ s.
+                    let value = self.kernel.value(product(member, pixels) - sum, member_norm, norm);
+                    for (q, coefficient) in q.iter_mut().zip(coefficients) {
+                        *q += coefficient * value;
+                    }
+                }
+            },
+        );
+        q
+    }
+}
+
+/// `Σ s p`, exact.
+#[inline(always)]
+fn product(member: &[i8], pixels: &[u8]) -> f64 {
+    let part = |(member, pixels): (&[i8], &[u8])| -> i32 {
+        member.iter().zip(pixels).map(|(&s, &p)| i32::from(s) * i32::from(p)).sum()
+    };
+    member.chunks(CHUNK).zip(pixels.chunks(CHUNK)).map(|parts| f64::from(part(parts))).sum()
+}

@@ -1,0 +1,116 @@
+//! From an observation to an action: nothing is allocated, and the Q-values are those of the features.
+
+use adagio::kernel::Kernel;
+use adagio::policy::{Learned, PolicyError, Recent, Reflexes, columns};
+use adagio::random::stream;
+use adagio::slow::{SlowError, SlowModel};
+use adagio::vision::Observation;
+use adagio::world::Action;
+use faer::{Mat, Par};
+use rand::RngExt;
+
+const REFLEXES: Reflexes = Reflexes { no_repeat_blocked: true, no_undo_turn: true };
+
+/// A random observation, which is dark enough that products of two are exact in `f32`.
+fn observation(values: usize, rng: &mut impl RngExt) -> Observation {
+    Observation { frame: 0, pixels: (0..values).map(|_| rng.random_range(40..=215u8)).collect() }
+}
+
+fn model(kernel: Kernel, d: usize, m: usize, k: usize, seed: u64) -> SlowModel<f32> {
+    let mut rng = stream(seed, "model");
+    let members: Vec<Observation> = (0..m).map(|_| observation(d, &mut rng)).collect();
+    let projection = Mat::from_fn(m, k, |_, _| rng.random_range(-1.0..1.0));
+    let offset = (0..k).map(|_| rng.random_range(-1.0..1.0)).collect();
+    SlowModel::from_parts(kernel, columns(members.iter()), projection, offset, vec![1.0; k]).unwrap()
+}
+
+fn weights(k: usize, tasks: usize, seed: u64) -> Vec<Mat<f64>> {
+    let mut rng = stream(seed, "weights");
+    (0..tasks).map(|_| Mat::from_fn(k + 1, 3, |_, _| rng.random_range(-1.0..1.0))).collect()
+}
+
+fn learned(kernel: Kernel, d: usize, m: usize, k: usize, tasks: usize) -> Learned {
+    Learned::new(1, 0, 0, model(kernel, d, m, k, 1), weights(k, tasks, 1)).unwrap()
+}
+
+#[test]
+fn q_values_are_those_of_the_features() {
+    let (d, m, k) = (147, 90, 25);
+    // Pairs of random observations are about √(2 · 147) · 50 = 860 grey levels apart.
+    let kernels = [Kernel::gaussian(600.0), Kernel::laplacian(600.0), Kernel::radial(600.0, 1.3)];
+    for kernel in kernels.map(Result::unwrap) {
+        let learned = learned(kernel, d, m, k, 2);
+        let mut rng = stream(2, "seen");
+        let seen: Vec<Observation> = (0..200).map(|_| observation(d, &mut rng)).collect();
+        let phi = learned.features(columns(seen.iter()).as_ref(), Par::Seq);
+        for task in 0..2 {
+            let q = learned.weights[task].transpose() * &phi;
+            // Rounding is relative to the terms that are summed.
+            let size = learned.weights[task].norm_max() * phi.norm_max() * (k + 1) as f64;
+            for (j, seen) in seen.iter().enumerate() {
+                let found = learned.q_values(seen, task);
+                let known = [q[(0, j)], q[(1, j)], q[(2, j)]];
+                for (found, known) in found.iter().zip(known) {
+                    assert!((found - known).abs() < 1e-10 * size, "{kernel}: {found} against {known}");
+                }
+                for action in Action::ALL {
+                    let recent = Recent { action: Some(action), blocked: j % 2 == 0 };
+                    assert_eq!(REFLEXES.best(found, recent), REFLEXES.best(known, recent));
+                }
+            }
+        }
+    }
+}
+
+/// The size of an observation is what the vector instructions divide: every remainder.
+#[test]
+fn one_support_vector_gives_its_kernel_value_whatever_the_length() {
+    let kernel = Kernel::gaussian(300.0).unwrap();
+    for d in 1..70 {
+        let model = model(kernel, d, 1, 1, d as u64);
+        let mut rng = stream(d as u64, "seen");
+        let seen = observation(d, &mut rng);
+        let x = columns([&seen].into_iter());
+        let rows = model.kernel_rows(x.as_ref(), Par::Seq).unwrap();
+        let mut by_hand = model.clone();
+        (by_hand.projection, by_hand.offset) = (Mat::from_fn(1, 1, |_, _| 1.0), vec![0.0]);
+        let weights = vec![Mat::from_fn(2, 3, |i, a| if i == 1 && a == 1 { 1.0 } else { 0.0 })];
+        let learned = Learned::new(1, 0, 0, by_hand, weights).unwrap();
+        let [zero, value, _] = learned.q_values(&seen, 0);
+        assert_eq!(zero, 0.0);
+        assert!((value - rows[(0, 0)]).abs() <= 2.0 * f64::EPSILON * value, "{d} values: {value} and {}", rows[(0, 0)]);
+    }
+}
+
+#[test]
+fn a_decision_allocates_nothing() {
+    let learned = learned(Kernel::laplacian(2000.0).unwrap(), 1536, 300, 40, 2);
+    let mut rng = stream(3, "seen");
+    let seen: Vec<Observation> = (0..1000).map(|_| observation(1536, &mut rng)).collect();
+    let decide = |seen: &Observation, task| {
+        let recent = Recent { action: Some(Action::TurnLeft), blocked: false };
+        std::hint::black_box(REFLEXES.best(learned.q_values(seen, task), recent));
+    };
+    decide(&seen[0], 0);
+    let counted = allocation_counter::measure(|| seen.iter().enumerate().for_each(|(i, seen)| decide(seen, i % 2)));
+    assert_eq!((counted.count_total, counted.bytes_total), (0, 0));
+    // The counter counts.
+    assert!(allocation_counter::measure(|| drop(std::hint::black_box(vec![1u8; 9]))).count_total == 1);
+}
+
+#[test]
+fn models_that_cannot_be_acted_on_are_refused() {
+    let kernel = Kernel::gaussian(300.0).unwrap();
+    let make = |model: SlowModel<f32>, weights| Learned::new(1, 0, 0, model, weights).unwrap_err();
+    for value in [0.5, 128.0, -129.0, f32::NAN, f32::INFINITY] {
+        let mut members = Mat::<f32>::zeros(4, 2);
+        members[(3, 1)] = value;
+        let model = SlowModel::from_parts(kernel, members, Mat::zeros(2, 1), vec![0.0], vec![1.0]).unwrap();
+        let error = make(model, weights(1, 1, 1));
+        assert!(matches!(error, PolicyError::NotAnObservation { index: 1, .. }), "{error}");
+    }
+    let error = make(model(kernel, 4, 2, 3, 1), weights(2, 1, 1));
+    assert!(matches!(error, PolicyError::Features(SlowError::Shape { .. })), "{error}");
+    let four = vec![Mat::zeros(4, 3), Mat::zeros(4, 4)];
+    assert_eq!(make(model(kernel, 4, 2, 3, 1), four), PolicyError::Actions { task: 1, actions: 4 });
+}
