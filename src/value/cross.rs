@@ -160,3 +160,39 @@ impl<'b> Products<'b> {
 fn add(target: MatMut<'_, f64>, factor: f64, sum: MatRef<'_, f64>) {
     faer::zip!(target, sum).for_each(|faer::unzip!(target, sum)| *target += factor * sum);
 }
+
+#[cfg(test)]
+mod tests {
+    use faer::Par;
+    use rand::RngExt;
+
+    use super::*;
+    use crate::random::stream;
+    use crate::value::Samples;
+
+    /// Hundreds of policies, each with a few other actions than the one before: rounding does not add up.
+    #[test]
+    fn samples_that_move_leave_no_rounding_behind() {
+        let (f, n, actions, steps) = (7, 400, 3, 1000);
+        let mut rng = stream(1, "cross");
+        let phi = Mat::from_fn(f, n, |_, _| rng.random_range(-1.0..1.0));
+        let next = Mat::from_fn(f, n, |_, _| rng.random_range(-1.0..1.0));
+        let taken: Vec<usize> = (0..n).map(|_| rng.random_range(0..actions)).collect();
+        let data = Samples { phi: phi.as_ref(), actions: &taken, weights: &vec![1.0; n] };
+        let blocks = Blocks::new(data, actions, Par::Seq).unwrap();
+        let mut chosen: Vec<usize> = (0..n).map(|_| rng.random_range(0..actions)).collect();
+        let mut kept = GreedyCross::new(&blocks, next.as_ref(), &chosen);
+        let (mut worst, mut anew) = (0.0f64, 0);
+        for _ in 0..steps {
+            for _ in 0..10 {
+                chosen[rng.random_range(0..n)] = rng.random_range(0..actions);
+            }
+            kept.update(&blocks, next.as_ref(), &chosen);
+            anew += usize::from(kept.moved == 0);
+            let exact = GreedyCross::new(&blocks, next.as_ref(), &chosen);
+            worst = worst.max((kept.matrix() - exact.matrix()).norm_max() / exact.matrix().norm_max());
+        }
+        println!("largest difference {worst:.1e} in {steps} steps, {anew} of them anew");
+        assert!(worst < 1e-14 && anew < steps / 40, "{worst:.1e}, {anew}");
+    }
+}
