@@ -1,7 +1,9 @@
 //! What a run will hold in memory, and what the machine has.
 
+use super::perceive::stream_options;
 use crate::dictionary::WhenFull;
 use crate::scenario::{Scenario, SelectionRule};
+use crate::slow::{Method, SlowStream, solve_bytes};
 
 /// Bytes of everything that grows with the settings of a run, at its full size.
 ///
@@ -10,12 +12,10 @@ use crate::scenario::{Scenario, SelectionRule};
 ///
 /// | part | bytes |
 /// |---|---|
-/// | dictionary | `8m² + 4md` |
-/// | moments | `16m²` |
-/// | retained frames | `r(8m + 4d)` |
-/// | request: a copy of dictionary and moments that waits for the solver | `24m² + 4md` |
-/// | solver | `48m²` |
-/// | values | `N(d + 24(k + 1)) + 72(k + 1)²` |
+/// | stream: dictionary, moments, retained frames | `24m² + 4md + r(8m + 4d)` and what [`SlowStream::bytes`] adds |
+/// | requests: copies of dictionary and moments, one with the solver, one that waits | `2(24m² + 4md)` |
+/// | solver | [`solve_bytes`]: about `8m² + 48mk` |
+/// | values: the window, its features, policy iteration | `N(d + 48(k + 1)) + 216(k + 1)²` |
 ///
 /// Beside it stand the program, images and messages in the queues, and what the allocator keeps.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -29,21 +29,17 @@ impl Memory {
     pub fn of(s: &Scenario) -> Self {
         // Where members can leave, a block may exceed the budget before they do.
         let exceeds = s.dictionary.selection != SelectionRule::Ald || s.dictionary.when_full != WhenFull::Stop;
-        let m = (s.dictionary.budget + if exceeds { s.dictionary.block_frames } else { 0 }) as u64;
-        let d = 3 * (s.vision.width * s.vision.height) as u64;
-        let r = s.dictionary.retained_frames.min(s.actions.saturating_mul(s.robot.frames_per_action)) as u64;
+        let m = s.dictionary.budget + if exceeds { s.dictionary.block_frames } else { 0 };
+        let d = 3 * s.vision.width * s.vision.height;
+        let mut stream = stream_options(s);
+        stream.retained = stream.retained.min(s.actions.saturating_mul(s.robot.frames_per_action));
         let (k, n) = (s.slow.features as u64 + 1, s.value.window.min(s.actions) as u64);
-        let square = 8 * m * m;
-        let dictionary = square + 4 * m * d;
-        let moments = 2 * square;
         Memory {
             parts: vec![
-                ("dictionary", dictionary),
-                ("moments", moments),
-                ("retained frames", r * (8 * m + 4 * d)),
-                ("request", dictionary + moments),
-                ("solver", 6 * square),
-                ("values", n * (d + 24 * k) + 72 * k * k),
+                ("stream", SlowStream::<f32>::bytes(&stream, m, d, s.dictionary.block_frames)),
+                ("requests", 2 * (24 * m * m + 4 * m * d) as u64),
+                ("solver", solve_bytes(m, s.slow.features, Method::Automatic) as u64),
+                ("values", n * (d as u64 + 48 * k) + 216 * k * k),
             ],
         }
     }

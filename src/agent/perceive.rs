@@ -254,13 +254,17 @@ impl Perceive {
             }
             SelectionRule::Random => Box::new(Reservoir::new(kernel, budget, self.scenario.seed, par)?),
         };
-        let options = StreamOptions {
-            retained: settings.retained_frames,
-            memory_frames: self.scenario.slow.memory_frames,
-            settle_at: SETTLE_AT,
-            ..StreamOptions::default()
-        };
-        Ok(SlowStream::from_boxed(selection, options)?)
+        Ok(SlowStream::from_boxed(selection, stream_options(&self.scenario))?)
+    }
+}
+
+/// How the stream of a scenario retains frames.
+pub fn stream_options(scenario: &Scenario) -> StreamOptions {
+    StreamOptions {
+        retained: scenario.dictionary.retained_frames,
+        memory_frames: scenario.slow.memory_frames,
+        settle_at: SETTLE_AT,
+        ..StreamOptions::default()
     }
 }
 

@@ -10,7 +10,7 @@ use thiserror::Error;
 
 use super::checkpoint::{CHECKPOINT_NAME, CheckpointError, checkpoint_bytes};
 use super::clock::{Clock, Timing};
-use super::crew::Crew;
+use super::crew::{Crew, parallelism};
 use super::fit::FitPolicies;
 use super::loops;
 use super::messages::{FitRequest, Percept, SolveRequest, Update};
@@ -120,7 +120,7 @@ pub fn run(
     fix_parallelism();
     let begin = Instant::now();
     let status = options.status;
-    let capacity = scenario.agent.queue;
+    let (capacity, par) = (scenario.agent.queue, parallelism(&scenario.agent));
     let (frames_out, frames_in, gauge) = queue::<Frame>("frames", capacity);
     status.watch(gauge);
     let (percepts_out, percepts_in, gauge) = queue::<Percept>("percepts", capacity);
@@ -155,7 +155,7 @@ pub fn run(
             loops::perceive(scenario, &frames_in, &percepts_out, &solve_out, &record, status)
         })?;
         let solver = crew.start("solve", move || {
-            let (mut solve, mut clock) = (Solve::new(&scenario.slow), Clock::new());
+            let (mut solve, mut clock) = (Solve::new(&scenario.slow, par), Clock::new());
             while let Ok(request) = solve_in.take() {
                 if fit_out.put(clock.time(|| solve.step(request))).is_err() {
                     break;
@@ -164,7 +164,7 @@ pub fn run(
             Ok(clock)
         })?;
         let fitter = crew.start("fit", move || {
-            let (mut fit, mut clock) = (FitPolicies::new(scenario.clone(), faer::Par::Seq), Clock::new());
+            let (mut fit, mut clock) = (FitPolicies::new(scenario.clone(), par), Clock::new());
             while let Ok(request) = fit_in.take() {
                 if updates_out.put(clock.time(|| fit.step(request))).is_err() {
                     break;

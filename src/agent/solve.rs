@@ -1,13 +1,16 @@
 //! The actor that turns moments into slow features.
 
+use faer::Par;
+
 use super::messages::{FitRequest, SolveRequest};
 use crate::dictionary::Dictionary;
 use crate::scenario;
-use crate::slow::{SlowError, SlowFeatures, SlowModel, solve};
+use crate::slow::{SlowError, SlowFeatures, SlowModel, SolveOptions, solve_with};
 
 /// The solver; it keeps its last solution to align the next one with.
 pub struct Solve {
     settings: scenario::Slow,
+    options: SolveOptions,
     previous: Option<Solved>,
 }
 
@@ -19,9 +22,10 @@ struct Solved {
 }
 
 impl Solve {
-    /// A solver for the settings of a scenario.
-    pub fn new(settings: &scenario::Slow) -> Self {
-        Solve { settings: settings.clone(), previous: None }
+    /// A solver for the settings of a scenario. `par`: threads for its products.
+    pub fn new(settings: &scenario::Slow, par: Par) -> Self {
+        let options = SolveOptions { par, ..SolveOptions::default() };
+        Solve { settings: settings.clone(), options, previous: None }
     }
 
     /// Slow features over the request's dictionary. Where there are fewer directions than features asked for, as at the start
@@ -29,7 +33,7 @@ impl Solve {
     pub fn step(&mut self, request: SolveRequest) -> FitRequest {
         let features = self.settings.features.min(request.moments.size());
         let previous = self.previous.as_ref().and_then(|solved| solved.over(&request.dictionary).ok());
-        let solve = |k| solve(&request.moments, k, self.settings.lambda, previous.as_ref());
+        let solve = |k| solve_with(&request.moments, k, self.settings.lambda, previous.as_ref(), &self.options);
         let solved = match solve(features) {
             Err(SlowError::Features { rank, .. }) if rank > 0 => solve(rank),
             other => other,
