@@ -110,29 +110,34 @@ impl PixelValues {
         let task = &self.tasks[task];
         let norm: f64 = observation.values().map(|value| f64::from(value) * f64::from(value)).sum();
         let mut q = task.constant;
-        // With the widest instructions that this machine has.
-        pulp::Arch::new().dispatch(
-            #[inline(always)]
-            || {
-                let members = self.members.chunks_exact(self.length.max(1));
-                for ((member, &(sum, member_norm)), coefficients) in members.zip(&self.sums).zip(&task.coefficients) {
-                    // Σ s (p − 128) = Σ s p − 128 Σ s.
-                    let value = self.kernel.value(product(member, pixels) - sum, member_norm, norm);
-                    for (q, coefficient) in q.iter_mut().zip(coefficients) {
-                        *q += coefficient * value;
-                    }
-                }
-            },
-        );
+        let members = self.members.chunks_exact(self.length.max(1));
+        for ((member, &(sum, member_norm)), coefficients) in members.zip(&self.sums).zip(&task.coefficients) {
+            // Σ s (p − 128) = Σ s p − 128 Σ s.
+            let value = self.kernel.value(product(member, pixels) - sum, member_norm, norm);
+            for (q, coefficient) in q.iter_mut().zip(coefficients) {
+                *q += coefficient * value;
+            }
+        }
         q
     }
 }
 
-/// `Σ s p`, exact.
-#[inline(always)]
+/// `Σ s p`, exact, with the widest instructions that this machine has.
 fn product(member: &[i8], pixels: &[u8]) -> f64 {
-    let part = |(member, pixels): (&[i8], &[u8])| -> i32 {
-        member.iter().zip(pixels).map(|(&s, &p)| i32::from(s) * i32::from(p)).sum()
-    };
-    member.chunks(CHUNK).zip(pixels.chunks(CHUNK)).map(|parts| f64::from(part(parts))).sum()
+    let arch = pulp::Arch::new();
+    let parts = member.chunks(CHUNK).zip(pixels.chunks(CHUNK));
+    parts
+        .map(|(member, pixels)| {
+            f64::from(arch.dispatch(
+                #[inline(always)]
+                || short_product(member, pixels),
+            ))
+        })
+        .sum()
+}
+
+/// `Σ s p` over so few values that it stays within 32 bits. A loop that becomes vector instructions where it is inlined.
+#[inline(always)]
+fn short_product(member: &[i8], pixels: &[u8]) -> i32 {
+    member.iter().zip(pixels).map(|(&s, &p)| i32::from(s) * i32::from(p)).sum()
 }
