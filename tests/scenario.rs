@@ -148,6 +148,14 @@ fn contradictions_are_faults() {
     assert_fault(&room, &["robot.start=[8.0, 0.9]"], "robot.start", &["not enclosed"]);
     assert_fault(&room.replace("closed = true", ""), &[], "robot.start", &["not enclosed"]);
     assert_fault(&room, &["vision.cut_rows=230"], "vision.cut_rows", &["leaves 10 of 240", "[0, 224]"]);
+    assert!(faults_of(&room, &["camera.detail=vision"]).is_empty());
+    assert_fault(
+        &room,
+        &["camera.detail=vision", "vision.width=100"],
+        "camera.detail",
+        &["400 × 64 samples", "320 × 160 pixels", "must be \"full\""],
+    );
+    assert_fault(&room, &["camera.detail=half"], "camera.detail", &["half", "\"full\" | \"vision\""]);
     assert_fault(&room, &["slow.features=3000"], "slow.features", &["[1, "]);
     assert_fault(
         &room,

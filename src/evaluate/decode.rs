@@ -16,7 +16,7 @@ use crate::random::stream;
 use crate::regression::{Bias, Folds, KernelGrid, RegressionError, Sums, ridge, select_kernel_ridge, select_ridge};
 use crate::scenario::Scenario;
 use crate::vision::observe;
-use crate::world::{Pose, Sensor, World, wrap};
+use crate::world::{Image, Pose, Sensor, World, wrap};
 
 /// Error of the pose that is read off the features, on poses that it was not learned from.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -63,11 +63,11 @@ pub fn decode_pose(
     let seen: Vec<_> = poses
         .par_iter()
         .enumerate()
-        .map(|(index, pose)| {
+        .map_init(Image::default, |image, (index, pose)| {
             let noise = stream(seed, &format!("evaluate: camera of pose {index}"));
-            let mut image = world.camera.render(pose);
-            Sensor::new(&scenario.camera, scenario.robot.frame_seconds(), noise).expose(&mut image);
-            observe(&image, &scenario.vision, index as u64)
+            world.camera.render_into(pose, image);
+            Sensor::new(scenario, scenario.robot.frame_seconds(), noise).expose(image);
+            observe(image, &scenario.vision, index as u64)
         })
         .collect();
     // Without the constant feature: regression has its own.

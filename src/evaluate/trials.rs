@@ -11,7 +11,7 @@ use crate::policy::{Learned, Recent, Reflexes, optimal_steps, reference_action};
 use crate::random::{fix_parallelism, stream};
 use crate::scenario::{Scenario, Task};
 use crate::vision::{Observation, observe};
-use crate::world::{Action, Pose, Robot, Sensor, World, in_goal};
+use crate::world::{Action, Image, Pose, Robot, Sensor, World, in_goal};
 
 /// Results of one task, as in `report.json`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -168,8 +168,8 @@ impl Evaluator {
             if active.is_empty() {
                 break;
             }
-            let judge = |trial: &mut &mut Trial| learned.q_values(&self.look(trial), task);
-            let values: Vec<[f64; 3]> = active.par_iter_mut().map(judge).collect();
+            let judge = |image: &mut Image, trial: &mut &mut Trial| learned.q_values(&self.look(trial, image), task);
+            let values: Vec<[f64; 3]> = active.par_iter_mut().map_init(Image::default, judge).collect();
             for (trial, values) in active.iter_mut().zip(values) {
                 let (action, _) = reflexes.best(values, trial.recent);
                 self.act(trial, action, &self.scenario.tasks[task]);
@@ -198,16 +198,16 @@ impl Evaluator {
             let robot = Robot::new(&self.scenario.robot, pose, noise("motion"));
             // A trial looks once per action.
             let seconds = self.scenario.robot.action_seconds;
-            let sensor = Sensor::new(&self.scenario.camera, seconds, noise("camera"));
+            let sensor = Sensor::new(&self.scenario, seconds, noise("camera"));
             Trial { index, robot, sensor, recent: Recent::default(), actions: Vec::new(), arrived: false }
         };
         self.starts[task].iter().enumerate().map(begin).collect()
     }
 
-    fn look(&self, trial: &mut Trial) -> Observation {
-        let mut image = self.world.camera.render(&trial.robot.pose);
-        trial.sensor.expose(&mut image);
-        observe(&image, &self.scenario.vision, trial.index as u64)
+    fn look(&self, trial: &mut Trial, image: &mut Image) -> Observation {
+        self.world.camera.render_into(&trial.robot.pose, image);
+        trial.sensor.expose(image);
+        observe(image, &self.scenario.vision, trial.index as u64)
     }
 
     fn act(&self, trial: &mut Trial, action: Action, task: &Task) {

@@ -318,8 +318,8 @@ fn seen_headings(area: &Area<'_>, scenario: &Scenario, known: bool) -> Result<()
     if !known {
         return heading(area, "No pose was recorded");
     }
-    let (camera, vision) = (&scenario.camera, &scenario.vision);
-    heading(area, &format!("Camera at the last pose, {} × {} pixels", camera.width, camera.height))?;
+    let ((width, height), vision) = (scenario.camera.rendered(&scenario.vision), &scenario.vision);
+    heading(area, &format!("Camera at the last pose, {width} × {height} pixels"))?;
     let line = format!("What is learned from, {} × {} pixels", vision.width, vision.height);
     area.draw(&Text::new(line, (0, (OBSERVATION_TOP - 498) as i32), bold(MEDIUM)))
 }

@@ -4,7 +4,7 @@ use nalgebra::Point2;
 
 use super::keys::Reader;
 use super::plan::{Plan, PlanFault, clearance};
-use super::sections::Scenario;
+use super::sections::{Detail, Scenario};
 
 /// Report what does not fit together.
 pub(super) fn check(s: &Scenario, reader: &mut Reader<'_>) {
@@ -46,6 +46,18 @@ fn counts(s: &Scenario, reader: &mut Reader<'_>) {
     if s.vision.width > s.camera.width && reader.sound(&["vision.width", "camera.width"]) {
         let text = format!("= {} is more than camera.width: it must be in [1, {}]", s.vision.width, s.camera.width);
         reader.fault_at("vision.width", text);
+    }
+    let keys = ["vision", "camera.detail", "camera.width", "camera.height"];
+    if s.camera.detail == Detail::Vision && reader.sound(&keys) {
+        let (width, height) = s.camera.rendered(&s.vision);
+        if width > s.camera.width || height > visible {
+            let text = format!(
+                "= \"vision\" renders {width} × {height} samples for observations of {} × {} pixels, more than the {} × \
+                 {visible} pixels that vision sees of the full image: it must be \"full\" here",
+                s.vision.width, s.vision.height, s.camera.width
+            );
+            reader.fault_at("camera.detail", text);
+        }
     }
     let (k, budget) = (s.slow.features, s.dictionary.budget);
     if k > budget && reader.sound(&["slow.features", "dictionary.budget"]) {

@@ -27,7 +27,7 @@ impl Simulated {
     pub fn new(scenario: Arc<Scenario>, world: Arc<World>) -> Self {
         let start = Pose::new(Point2::from(scenario.robot.start), scenario.robot.start_heading_deg.to_radians());
         let robot = Robot::new(&scenario.robot, start, stream(scenario.seed, "motion"));
-        let sensor = Sensor::new(&scenario.camera, scenario.robot.frame_seconds(), stream(scenario.seed, "camera"));
+        let sensor = Sensor::new(&scenario, scenario.robot.frame_seconds(), stream(scenario.seed, "camera"));
         Simulated { scenario, world, robot, sensor, number: 0 }
     }
 

@@ -6,6 +6,8 @@
 //! # Reference
 //! Thesis §5.1.5 (video generation), figure *preprocessing*.
 
+use pulp::NullaryFnOnce;
+
 use crate::scenario::Vision;
 use crate::world::Image;
 
@@ -31,6 +33,76 @@ impl Observation {
     }
 }
 
+/// Makes observations, in memory of its own that is used again.
+#[derive(Debug, Clone, Default)]
+pub struct Observer {
+    /// Sums over the lines of a row of cells, for each value of a line.
+    columns: Vec<u32>,
+    means: Vec<f32>,
+}
+
+impl Observer {
+    /// Make an observation of a camera image, in place of what `pixels` held: [`Observation::pixels`].
+    pub fn observe(&mut self, image: &Image, settings: &Vision, pixels: &mut Vec<u8>) {
+        pulp::Arch::new().dispatch(Observe { observer: self, image, settings, pixels });
+    }
+
+    /// Means of the cells' areas: along the lines of a row of cells first, then across.
+    #[inline(always)]
+    fn average(&mut self, image: &Image, settings: &Vision) {
+        let cut = if image.cropped { 0 } else { settings.cut_rows };
+        let line_length = 3 * image.width;
+        self.means.clear();
+        for row in 0..settings.height {
+            let lines = cell(row, settings.height, image.height - cut);
+            self.columns.clear();
+            self.columns.resize(line_length, 0);
+            let seen = &image.rgb[(cut + lines.start) * line_length..(cut + lines.end) * line_length];
+            for line in seen.chunks_exact(line_length) {
+                for (sum, &value) in self.columns.iter_mut().zip(line) {
+                    *sum += u32::from(value);
+                }
+            }
+            for column in 0..settings.width {
+                let columns = cell(column, settings.width, image.width);
+                let mut sum = [0u32; 3];
+                let (sums, _) = self.columns[3 * columns.start..3 * columns.end].as_chunks::<3>();
+                for value in sums {
+                    sum = [sum[0] + value[0], sum[1] + value[1], sum[2] + value[2]];
+                }
+                let area = (lines.len() * columns.len()) as f32;
+                self.means.extend(sum.map(|sum| sum as f32 / area));
+            }
+        }
+    }
+}
+
+/// The loops over an image, for the widest vectors of the machine.
+struct Observe<'a> {
+    observer: &'a mut Observer,
+    image: &'a Image,
+    settings: &'a Vision,
+    pixels: &'a mut Vec<u8>,
+}
+
+impl NullaryFnOnce for Observe<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Observe { observer, image, settings, pixels } = self;
+        observer.average(image, settings);
+        let means = &observer.means;
+        let gain = settings.brightness.map_or(1.0, |target| {
+            let mean = means.iter().map(|&value| f64::from(value)).sum::<f64>() / means.len() as f64;
+            if mean > 0.0 { target / mean } else { 1.0 }
+        }) as f32;
+        pixels.clear();
+        // The cast cuts at 255; the added half makes it round.
+        pixels.extend(means.iter().map(|&mean| (mean * gain + 0.5) as u8));
+    }
+}
+
 /// Bounds of cell `i` of `n` over `length` pixels.
 fn cell(i: usize, n: usize, length: usize) -> std::ops::Range<usize> {
     i * length / n..(i + 1) * length / n
@@ -38,31 +110,9 @@ fn cell(i: usize, n: usize, length: usize) -> std::ops::Range<usize> {
 
 /// Make an observation of a camera image.
 pub fn observe(image: &Image, settings: &Vision, frame: u64) -> Observation {
-    let (width, height) = (settings.width, settings.height);
-    let visible = image.height - settings.cut_rows;
-    let mut means = Vec::with_capacity(3 * width * height);
-    for row in 0..height {
-        let lines = cell(row, height, visible);
-        for column in 0..width {
-            let columns = cell(column, width, image.width);
-            let mut sum = [0u32; 3];
-            for line in lines.clone() {
-                let start = 3 * ((line + settings.cut_rows) * image.width + columns.start);
-                for pixel in image.rgb[start..start + 3 * columns.len()].chunks_exact(3) {
-                    for (sum, &value) in sum.iter_mut().zip(pixel) {
-                        *sum += u32::from(value);
-                    }
-                }
-            }
-            let area = (lines.len() * columns.len()) as f32;
-            means.extend(sum.map(|sum| sum as f32 / area));
-        }
-    }
-    let gain = settings.brightness.map_or(1.0, |target| {
-        let mean = means.iter().map(|&value| f64::from(value)).sum::<f64>() / means.len() as f64;
-        if mean > 0.0 { target / mean } else { 1.0 }
-    }) as f32;
-    Observation { frame, pixels: means.iter().map(|&mean| (mean * gain).round() as u8).collect() }
+    let mut pixels = Vec::with_capacity(3 * settings.width * settings.height);
+    Observer::default().observe(image, settings, &mut pixels);
+    Observation { frame, pixels }
 }
 
 #[cfg(test)]
@@ -74,7 +124,7 @@ mod tests {
     fn image(value: impl Fn(usize, usize, usize) -> u8) -> Image {
         let (width, height) = (4, 4);
         let rgb = (0..3 * width * height).map(|i| value(i / 3 % width, i / 3 / width, i % 3)).collect();
-        Image { width, height, rgb }
+        Image { width, height, cropped: false, rgb }
     }
 
     #[test]

@@ -1,29 +1,27 @@
-//! What the robot's camera sees: a deterministic software renderer, and the errors of a real sensor on top.
+//! What the robot's camera sees: a deterministic software renderer.
 //!
 //! Perspective without roll or pitch. Each image column is one ray on the floor plan; along it the walls are known in the
-//! order of their distance, and the column is painted from far to near: surroundings, floor, walls. All arithmetic is the same on every machine.
-
-use std::sync::LazyLock;
+//! order of their distance, and the column is painted from near to far, each pixel once: floor, walls, surroundings.
+//! Coordinates on surfaces are whole numbers, with the period of the pattern as 2³², so that patterns repeat by overflow and
+//! all arithmetic is the same on every machine.
+//!
+//! What depends on the settings alone is computed once. Columns are painted in tiles that stay in the cache, whose rows are
+//! then copied into the image.
 
 use nalgebra::{Point2, Vector2};
-use rand::Rng;
-use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, StandardNormal};
 
-use super::Pose;
-use super::texture::TextureMap;
-use crate::scenario::{self, Scenario, plan_segments};
+use super::texture::{TextureMap, fixed};
+use super::{Image, Pose};
+use crate::scenario::{self, Detail, Scenario, plan_segments};
 
-/// An RGB image, 8 bits a channel, row by row from the top.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Image {
-    /// Pixels.
-    pub width: usize,
-    /// Pixels.
-    pub height: usize,
-    /// `3 · width · height` bytes.
-    pub rgb: Vec<u8>,
-}
+/// Columns of a tile.
+const TILE: usize = 16;
+
+/// Rays that miss the end of a wall by less than this (metres) hit it, so that no ray slips through a corner.
+const SLACK: f64 = 1e-9;
+
+/// Bits after the point in distances on the floor: 15 µm.
+const FLOOR_FRACTION: u32 = 16;
 
 struct Panel {
     from: Point2<f64>,
@@ -34,18 +32,46 @@ struct Panel {
     wall: usize,
 }
 
+/// A panel as seen from a pose. For the ray `ahead + aside · right`, its depth is `gap / across` and the place on the
+/// panel is `place / across`, where both are linear in `aside`; signs are such that `gap` is positive.
+struct View<'a> {
+    panel: &'a Panel,
+    gap: f64,
+    across: [f64; 2],
+    place: [f64; 2],
+}
+
 /// Where the ray of an image column crosses a wall.
 struct Hit {
     /// Distance along the camera's axis, metres.
     depth: f64,
     wall: usize,
-    /// Texture column.
-    column: usize,
+    /// Metres along the wall.
+    along: f64,
+}
+
+/// What the ray of an image column has from the settings alone.
+struct Column {
+    /// Metres to the right per metre of depth.
+    aside: f64,
+    /// Angle to the right of the camera's axis, degrees.
+    bearing: f64,
+    /// Degrees of elevation near the horizon for each unit of slope.
+    degrees: f64,
 }
 
 /// The renderer of a scenario's world.
 pub struct Camera {
     settings: scenario::Camera,
+    columns: Vec<Column>,
+    height: usize,
+    /// Rise of the top row's rays per metre of depth, and by how much each row below rises less.
+    slope: f64,
+    fall: f64,
+    /// The first row that looks down.
+    horizon: usize,
+    /// Depth at which each row from the horizon on meets the floor, metres, with [`FLOOR_FRACTION`].
+    floor_depths: Vec<u64>,
     panels: Vec<Panel>,
     walls: Vec<(f64, TextureMap)>,
     floor: TextureMap,
@@ -54,7 +80,7 @@ pub struct Camera {
 
 impl std::fmt::Debug for Camera {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "Camera({} panels)", self.panels.len())
+        write!(f, "Camera({} × {}, {} panels)", self.columns.len(), self.height, self.panels.len())
     }
 }
 
@@ -77,8 +103,33 @@ impl Camera {
             }
             walls.push((wall.height, TextureMap::new(&wall.texture, None)?));
         }
+        let (settings, vision) = (&scenario.camera, &scenario.vision);
+        let (full_width, full_height) = (settings.width as f64, settings.height as f64);
+        // The rendered image covers all columns of the full one, and its rows from `top` on.
+        let (width, height) = settings.rendered(vision);
+        let top = if settings.detail == Detail::Full { 0.0 } else { vision.cut_rows as f64 };
+        let focal = 0.5 * full_width / (0.5 * settings.field_of_view_deg.to_radians()).tan();
+        let columns = (0..width)
+            .map(|column| {
+                let aside = ((column as f64 + 0.5) * full_width / width as f64 - 0.5 * full_width) / focal;
+                let degrees = (1.0 / (1.0 + aside * aside).sqrt()).to_degrees();
+                Column { aside, bearing: aside.atan().to_degrees(), degrees }
+            })
+            .collect();
+        let fall = (full_height - top) / height as f64 / focal;
+        let slope = (0.5 * full_height - top) / focal - 0.5 * fall;
+        let down = |row: &usize| slope - *row as f64 * fall < 0.0;
+        let horizon = (0..height).find(down).unwrap_or(height);
+        let floor_depth = |row| settings.mount_height / (row as f64 * fall - slope);
+        let floor_depths = (horizon..height).map(|row| scaled(floor_depth(row), FLOOR_FRACTION) as u64).collect();
         Ok(Camera {
-            settings: scenario.camera.clone(),
+            settings: settings.clone(),
+            columns,
+            height,
+            slope,
+            fall,
+            horizon,
+            floor_depths,
             panels,
             walls,
             floor: TextureMap::new(&scenario.world.floor, None)?,
@@ -93,157 +144,142 @@ impl Camera {
 
     /// The image from a pose, without sensor errors.
     pub fn render(&self, pose: &Pose) -> Image {
-        let (width, height) = (self.settings.width, self.settings.height);
-        let mut rgb = vec![0u8; 3 * width * height];
-        let focal = 0.5 * width as f64 / (0.5 * self.settings.field_of_view_deg.to_radians()).tan();
+        let mut image = Image::default();
+        self.render_into(pose, &mut image);
+        image
+    }
+
+    /// The image from a pose, without sensor errors, in place of what an image held. Its memory is used again.
+    pub fn render_into(&self, pose: &Pose, image: &mut Image) {
+        let (width, height) = (self.columns.len(), self.height);
+        image.width = width;
+        image.height = height;
+        image.cropped = self.settings.detail == Detail::Vision;
+        image.rgb.resize(3 * width * height, 0);
+        let views = self.views(pose);
+        let mut hits = Vec::new();
+        let mut tile = vec![[0u32; TILE]; height];
+        for (number, columns) in self.columns.chunks(TILE).enumerate() {
+            for (lane, column) in columns.iter().enumerate() {
+                find_hits(&views, column.aside, &mut hits);
+                self.paint(pose, column, &hits, &mut Strip { tile: &mut tile, lane });
+            }
+            let start = 3 * TILE * number;
+            for (line, row) in image.rgb.chunks_exact_mut(3 * width).zip(&tile) {
+                let (pixels, _) = line[start..start + 3 * columns.len()].as_chunks_mut::<3>();
+                for (pixel, texel) in pixels.iter_mut().zip(row) {
+                    let [red, green, blue, _] = texel.to_le_bytes();
+                    *pixel = [red, green, blue];
+                }
+            }
+        }
+    }
+
+    /// The panels as seen from a pose, without those that are seen edge-on.
+    fn views(&self, pose: &Pose) -> Vec<View<'_>> {
         let ahead = pose.direction();
         let right = Vector2::new(ahead.y, -ahead.x);
-        // Rise of the ray per metre of depth, falling from the top row to the bottom one.
-        let slopes: Vec<f64> = (0..height).map(|row| (0.5 * height as f64 - (row as f64 + 0.5)) / focal).collect();
-        let horizon = slopes.partition_point(|&slope| slope >= 0.0);
-        let mut hits: Vec<Hit> = Vec::new();
-        let mut strip = vec![[0u8; 3]; height];
-        for column in 0..width {
-            let aside = (column as f64 + 0.5 - 0.5 * width as f64) / focal;
-            let ray = ahead + right * aside;
-            self.hits(pose.position, ray, &mut hits);
-            self.paint(pose.position, ray, &slopes, horizon, &hits, &mut strip);
-            for (pixel, colour) in rgb.chunks_exact_mut(3).skip(column).step_by(width).zip(&strip) {
-                pixel.copy_from_slice(colour);
-            }
-        }
-        Image { width, height, rgb }
+        let views = self.panels.iter().map(|panel| {
+            let to = panel.from - pose.position;
+            let gap = to.perp(&panel.along);
+            let sign = gap.signum();
+            let across = [ahead, right].map(|axis| sign * axis.perp(&panel.along));
+            let place = [ahead, right].map(|axis| sign * to.perp(&axis));
+            View { panel, gap: gap.abs(), across, place }
+        });
+        views.filter(|view| view.gap > 1e-9).collect()
     }
 
-    /// Paint one image column: what is far first, what is nearer over it.
-    fn paint(
-        &self,
-        from: Point2<f64>,
-        ray: Vector2<f64>,
-        slopes: &[f64],
-        horizon: usize,
-        hits: &[Hit],
-        strip: &mut [[u8; 3]],
-    ) {
-        let mount = self.settings.mount_height;
-        // Rows of a wall: those whose ray is neither above its height nor below the floor at its depth.
-        let rows = |hit: &Hit| {
-            let top = slopes.partition_point(|&slope| mount + slope * hit.depth > self.walls[hit.wall].0);
-            let base = slopes.partition_point(|&slope| mount + slope * hit.depth >= 0.0);
-            top..base
-        };
-        let first = hits.first().map(rows);
-        let sky_ends = first.as_ref().map_or(horizon, |rows| rows.start.min(horizon));
-        // Over a wall lower than the camera one sees the floor behind it.
-        let low = hits.iter().any(|hit| self.walls[hit.wall].0 < mount);
-        let floor_begins = if low { horizon } else { first.map_or(horizon, |rows| rows.end) };
+    /// Rows above a height at a depth: those whose rays pass over it.
+    fn rows_above(&self, height: f64, depth: f64) -> usize {
+        let rows = (self.slope - (height - self.settings.mount_height) / depth) / self.fall;
+        // Rows 0, 1, … below `rows`: the cast cuts off the fraction, and negative values to zero.
+        let whole = rows as usize;
+        (whole + usize::from(rows > whole as f64)).min(self.height)
+    }
 
+    /// Paint one image column, from near to far, which is upwards: each pixel once.
+    fn paint(&self, pose: &Pose, column: &Column, hits: &[Hit], strip: &mut Strip<'_>) {
+        // Rows below this one are painted.
+        let mut end = self.height;
+        for hit in hits {
+            let (height, texture) = &self.walls[hit.wall];
+            let base = self.rows_above(0.0, hit.depth);
+            if base < end {
+                self.paint_floor(pose, column, base, end, strip);
+                end = base;
+            }
+            let top = self.rows_above(*height, hit.depth);
+            if top < end {
+                let periods = texture.periods(1);
+                let mount = self.settings.mount_height;
+                let first = fixed((mount + self.slope * hit.depth) * periods);
+                let step = fixed(self.fall * hit.depth * periods);
+                strip.paint(top, end, texture.column(texture.phase(0, hit.along)), first, step);
+                end = top;
+            }
+        }
+        if self.horizon < end {
+            self.paint_floor(pose, column, self.horizon, end, strip);
+            end = self.horizon;
+        }
         // The surroundings are a cylinder far away, its height measured in degrees as they are near the horizon.
-        let far = self.surroundings.column(ray.y.atan2(ray.x).to_degrees());
-        let degrees = (1.0 / ray.norm()).to_degrees();
-        for (pixel, slope) in strip[..sky_ends].iter_mut().zip(slopes) {
-            *pixel = self.surroundings.at(far, slope * degrees);
-        }
-        for (pixel, slope) in strip[floor_begins..].iter_mut().zip(&slopes[floor_begins..]) {
-            let place = from + ray * (-mount / slope);
-            *pixel = self.floor.at(self.floor.column(place.x), place.y);
-        }
-        for hit in hits.iter().rev() {
-            let rows = rows(hit);
-            let texture = &self.walls[hit.wall].1;
-            for (pixel, slope) in strip[rows.clone()].iter_mut().zip(&slopes[rows]) {
-                *pixel = texture.at(hit.column, mount + slope * hit.depth);
-            }
-        }
+        let periods = self.surroundings.periods(1) * column.degrees;
+        let around = self.surroundings.phase(0, pose.heading.to_degrees() - column.bearing);
+        let (first, step) = (fixed(self.slope * periods), fixed(self.fall * periods));
+        strip.paint(0, end, self.surroundings.column(around), first, step);
     }
 
-    /// Depth, wall and texture column of every panel that a ray crosses, nearest first.
-    fn hits(&self, from: Point2<f64>, ray: Vector2<f64>, hits: &mut Vec<Hit>) {
-        hits.clear();
-        for panel in &self.panels {
-            let across = ray.perp(&panel.along);
-            if across.abs() < 1e-12 {
-                continue;
-            }
-            let to = panel.from - from;
-            let depth = to.perp(&panel.along) / across;
-            let along = to.perp(&ray) / across;
-            if depth > 1e-6 && (0.0..=panel.length).contains(&along) {
-                let column = self.walls[panel.wall].1.column(panel.offset + along);
-                hits.push(Hit { depth, wall: panel.wall, column });
-            }
+    fn paint_floor(&self, pose: &Pose, column: &Column, begin: usize, end: usize, strip: &mut Strip<'_>) {
+        let floor = &self.floor;
+        let ahead = pose.direction();
+        let ray = ahead + Vector2::new(ahead.y, -ahead.x) * column.aside;
+        let (x, y) = (floor.phase(0, pose.position.x), floor.phase(1, pose.position.y));
+        let (dx, dy) = (scaled(ray.x * floor.periods(0), 32) as u64, scaled(ray.y * floor.periods(1), 32) as u64);
+        let depths = &self.floor_depths[begin - self.horizon..end - self.horizon];
+        // Products overflow at whole periods.
+        let at =
+            |start: u32, rate: u64, depth: u64| start.wrapping_add((rate.wrapping_mul(depth) >> FLOOR_FRACTION) as u32);
+        for (row, &depth) in strip.tile[begin..end].iter_mut().zip(depths) {
+            row[strip.lane % TILE] = floor.at(at(x, dx, depth), at(y, dy, depth));
         }
+    }
+}
+
+/// All panels that a ray crosses, nearest first.
+fn find_hits(views: &[View<'_>], aside: f64, hits: &mut Vec<Hit>) {
+    hits.clear();
+    for View { panel, gap, across, place } in views {
+        let across = across[0] + across[1] * aside;
+        let place = place[0] + place[1] * aside;
+        if across > 1e-12 && place >= -SLACK * across && place <= (panel.length + SLACK) * across {
+            hits.push(Hit { depth: gap / across, wall: panel.wall, along: panel.offset + place / across });
+        }
+    }
+    if hits.len() > 1 {
         hits.sort_by(|a, b| a.depth.total_cmp(&b.depth));
     }
 }
 
-/// Standard normal quantiles at the centres of 256 equal shares: pixel noise from one random byte.
-static NORMAL: LazyLock<[f32; 256]> = LazyLock::new(|| {
-    // Inverse error function by Newton's method on the cumulative distribution, integrated from its density.
-    let density = |x: f64| (-0.5 * x * x).exp() / std::f64::consts::TAU.sqrt();
-    let cumulative = |x: f64| {
-        let steps = 400;
-        let width = x / f64::from(steps);
-        let inner: f64 = (0..steps).map(|i| density((f64::from(i) + 0.5) * width)).sum();
-        0.5 + inner * width
-    };
-    let mut table = [0.0f32; 256];
-    for (i, entry) in table.iter_mut().enumerate() {
-        let target = (i as f64 + 0.5) / 256.0;
-        let mut x = 0.0;
-        for _ in 0..20 {
-            x -= (cumulative(x) - target) / density(x);
-        }
-        *entry = x as f32;
-    }
-    table
-});
-
-/// The camera's sensor: exposure that drifts slowly, and pixel noise.
-#[derive(Debug, Clone)]
-pub struct Sensor {
-    noise: ChaCha8Rng,
-    /// Logarithm of the gain, an Ornstein–Uhlenbeck process.
-    exposure: f64,
-    pixel_noise: f32,
-    /// Share that remains of the exposure's deviation after one frame, and standard deviation of what is added.
-    keep: f64,
-    stir: f64,
-    bytes: Vec<u8>,
+/// A number with some bits after the point; what is too large is cut.
+fn scaled(value: f64, bits: u32) -> i64 {
+    (value * (1u64 << bits) as f64) as i64
 }
 
-impl Sensor {
-    /// A sensor whose exposure is somewhere in its range; `frame_seconds`: time between frames.
-    pub fn new(settings: &scenario::Camera, frame_seconds: f64, mut noise: ChaCha8Rng) -> Self {
-        let keep = (-frame_seconds / settings.exposure_seconds).exp();
-        let normal: f64 = StandardNormal.sample(&mut noise);
-        Sensor {
-            exposure: settings.exposure_drift * normal,
-            pixel_noise: settings.pixel_noise as f32,
-            keep,
-            stir: settings.exposure_drift * (1.0 - keep * keep).sqrt(),
-            bytes: Vec::new(),
-            noise,
-        }
-    }
+/// One column of a tile.
+struct Strip<'a> {
+    tile: &'a mut [[u32; TILE]],
+    lane: usize,
+}
 
-    /// Expose one frame: change an image as the sensor would.
-    pub fn expose(&mut self, image: &mut Image) {
-        let normal: f64 = StandardNormal.sample(&mut self.noise);
-        self.exposure = self.keep * self.exposure + self.stir * normal;
-        let gain = self.exposure.exp() as f32;
-        if self.pixel_noise > 0.0 {
-            self.bytes.resize(image.rgb.len(), 0);
-            self.noise.fill_bytes(&mut self.bytes);
-            let table = NORMAL.map(|normal| normal * self.pixel_noise + 0.5);
-            for (value, &byte) in image.rgb.iter_mut().zip(&self.bytes) {
-                // The cast cuts at 0 and 255; the added half makes it round.
-                *value = (f32::from(*value) * gain + table[usize::from(byte)]) as u8;
-            }
-        } else if gain != 1.0 {
-            for value in &mut image.rgb {
-                *value = (f32::from(*value) * gain + 0.5) as u8;
-            }
+impl Strip<'_> {
+    /// Paint rows with a column of texels; `first`: the coordinate on the surface at row 0, `step` less in each row below.
+    fn paint(&mut self, begin: usize, end: usize, texels: &[u32], first: u32, step: u32) {
+        let mut phase = first.wrapping_sub(step.wrapping_mul(begin as u32));
+        let count = texels.len() as u64;
+        for row in &mut self.tile[begin..end] {
+            row[self.lane % TILE] = texels[(u64::from(phase) * count >> 32) as usize];
+            phase = phase.wrapping_sub(step);
         }
     }
 }

@@ -6,12 +6,17 @@
 mod arena;
 mod body;
 mod camera;
+mod image;
+mod noise;
+mod sensor;
 mod texture;
 
 pub use arena::Arena;
 pub(crate) use body::drive;
 pub use body::{Action, FrameMotion, Robot};
-pub use camera::{Camera, Image, Sensor};
+pub use camera::Camera;
+pub use image::Image;
+pub use sensor::Sensor;
 
 use nalgebra::{Point2, UnitComplex, Vector2};
 
@@ -64,7 +69,7 @@ impl World {
     ///
     /// # Panics
     /// Never for a scenario from [`Scenario::load`], whose checks include the floor plan.
-    pub fn new(scenario: &Scenario) -> Result<Self, image::ImageError> {
+    pub fn new(scenario: &Scenario) -> Result<Self, ::image::ImageError> {
         let plan = Plan::new(scenario).expect("a checked scenario has a floor plan");
         Ok(World { plan, arena: Arena::new(&scenario.world.walls), camera: Camera::new(scenario)? })
     }

@@ -17,9 +17,16 @@ const TEXELS: usize = 48;
 pub struct TextureMap {
     width: usize,
     height: usize,
-    texels: Vec<[u8; 3]>,
-    /// Texels per metre (or degree).
-    density: [f64; 2],
+    /// Red, green, blue from the lowest byte on; column by column, each upwards, as walls are painted.
+    texels: Vec<u32>,
+    /// Periods per metre (or degree), along and upwards.
+    periods: [f64; 2],
+}
+
+/// A coordinate in periods as a whole number: 2³² is one period, and whole periods overflow.
+pub fn fixed(periods: f64) -> u32 {
+    const PERIOD: f64 = (1u64 << 32) as f64;
+    (periods * PERIOD) as i64 as u32
 }
 
 impl TextureMap {
@@ -32,43 +39,55 @@ impl TextureMap {
             Some(path) => {
                 let picture = image::ImageReader::open(path)?.decode()?.to_rgb8();
                 let (width, height) = (picture.width() as usize, picture.height() as usize);
-                let texels = picture.pixels().map(|pixel| pixel.0).collect();
-                let density = height as f64 / texture.scale;
-                TextureMap { width, height, texels, density: [density, density] }
+                let texel = |x: usize, y: usize| picture.get_pixel(x as u32, y as u32).0;
+                TextureMap::of(width, height, height as f64 / texture.scale, texel)
             }
             None => procedural(texture, around),
         };
         if let Some(length) = around {
-            let repeats = (map.density[0] * length / map.width as f64).round().max(1.0);
-            map.density[0] = repeats * map.width as f64 / length;
+            map.periods[0] = (map.periods[0] * length).round().max(1.0) / length;
         }
         Ok(map)
     }
 
+    /// A map from the texels of a picture, whose row 0 is its top; `density`: texels per metre.
+    fn of(width: usize, height: usize, density: f64, texel: impl Fn(usize, usize) -> [u8; 3]) -> Self {
+        let colour = |[red, green, blue]: [u8; 3]| u32::from_le_bytes([red, green, blue, 0]);
+        let texels = (0..width * height).map(|i| colour(texel(i / height, height - 1 - i % height))).collect();
+        TextureMap { width, height, texels, periods: [width, height].map(|texels| density / texels as f64) }
+    }
+
     /// Mean colour.
     pub fn mean(&self) -> [u8; 3] {
-        let sum = self.texels.iter().fold([0u64; 3], |sum, texel| [0, 1, 2].map(|c| sum[c] + u64::from(texel[c])));
-        sum.map(|sum| (sum / self.texels.len() as u64) as u8)
+        let channel = |c: usize| self.texels.iter().map(|texel| u64::from(texel.to_le_bytes()[c])).sum::<u64>();
+        [0, 1, 2].map(|c| (channel(c) / self.texels.len() as u64) as u8)
     }
 
-    /// Texel column of a coordinate along the surface.
-    pub fn column(&self, along: f64) -> usize {
-        repeat(along * self.density[0], self.width)
+    /// Periods per metre (or degree) along (0) or upwards (1).
+    pub fn periods(&self, axis: usize) -> f64 {
+        self.periods[axis]
     }
 
-    /// Colour in a texel column, at a coordinate upwards.
-    pub fn at(&self, column: usize, up: f64) -> [u8; 3] {
-        let row = repeat(up * self.density[1], self.height);
-        // Row 0 of an image is its top.
-        self.texels[(self.height - 1 - row) * self.width + column]
+    /// A coordinate along (0) or upwards (1), as of [`fixed`].
+    pub fn phase(&self, axis: usize, coordinate: f64) -> u32 {
+        fixed(coordinate * self.periods[axis])
+    }
+
+    /// The texels above a coordinate along the surface, upwards.
+    pub fn column(&self, along: u32) -> &[u32] {
+        let start = texel(along, self.width) * self.height;
+        &self.texels[start..start + self.height]
+    }
+
+    /// Colour at a coordinate along the surface and one upwards.
+    pub fn at(&self, along: u32, up: u32) -> u32 {
+        self.texels[texel(along, self.width) * self.height + texel(up, self.height)]
     }
 }
 
-/// The texel of a coordinate in texels, on a map that repeats after `length` of them.
-fn repeat(coordinate: f64, length: usize) -> usize {
-    // Far enough into the positive numbers that the cast is the floor; single-width division is several times faster.
-    const PERIODS: usize = 4096;
-    ((coordinate + (PERIODS * length) as f64) as u32 % length as u32) as usize
+/// The texel of a coordinate, on a map that repeats after `length` of them.
+fn texel(phase: u32, length: usize) -> usize {
+    (u64::from(phase) * length as u64 >> 32) as usize
 }
 
 fn procedural(texture: &Texture, around: Option<f64>) -> TextureMap {
@@ -96,11 +115,9 @@ fn procedural(texture: &Texture, around: Option<f64>) -> TextureMap {
             }
         }
     };
-    let texels = (0..width * height)
-        .map(|index| texel(index % width, height - 1 - index / width).map(|value| (255.0 * value).round() as u8))
-        .collect();
     let density = TEXELS as f64 / texture.scale;
-    TextureMap { width, height, texels, density: [density, density] }
+    // Patterns are laid out upwards.
+    TextureMap::of(width, height, density, |x, y| texel(x, height - 1 - y).map(|value| (255.0 * value).round() as u8))
 }
 
 /// A random colour of a texture's palette.
@@ -143,17 +160,21 @@ mod tests {
         let other = TextureMap::new(&smooth(4), None).unwrap();
         assert_eq!(map.texels, again.texels);
         assert_ne!(map.texels, other.texels);
+        let column = |along| map.column(map.phase(0, along));
+        let at = |up| map.at(5, map.phase(1, up));
         let period = 0.5 * ELEMENTS as f64;
-        assert_eq!(map.column(0.77), map.column(0.77 + period));
-        assert_eq!(map.at(5, 0.31), map.at(5, 0.31 + period));
-        assert_eq!(map.column(-0.01), map.width - 1);
+        assert_eq!(column(0.77), column(0.77 + period));
+        assert_ne!(column(0.77), column(1.01));
+        assert_eq!(at(0.31), at(0.31 + period));
+        assert_eq!(column(-0.01), &map.texels[(map.width - 1) * map.height..]);
     }
 
     #[test]
     fn surroundings_close_after_a_full_turn() {
         let far = Texture { scale: 35.0, ..smooth(8) };
         let map = TextureMap::new(&far, Some(360.0)).unwrap();
-        assert_eq!(map.column(0.01), map.column(360.01));
-        assert_eq!(map.column(359.999), map.width - 1);
+        let column = |degrees| map.column(map.phase(0, degrees));
+        assert_eq!(column(0.01), column(360.01));
+        assert_eq!(column(359.999), &map.texels[(map.width - 1) * map.height..]);
     }
 }
