@@ -31,4 +31,4 @@ pub use checkpoint::{CHECKPOINT_NAME, CheckpointError, read_checkpoint};
 pub use clock::Timing;
 pub use memory::{Memory, machine_memory};
 pub use run::{CurvePoint, Outcome, RunError, RunOptions, run};
-pub use status::{Snapshot, Status, peak_resident_bytes};
+pub use status::{Snapshot, Status, peak_resident_bytes, resident_bytes};

@@ -1,0 +1,203 @@
+//! The calls to the library that are measured, each in one place, and what has to be set up for them.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use adagio::dictionary::{Ald, Dictionary, Parameters, WhenFull};
+use adagio::kernel::Kernel;
+use adagio::slow::{Link, Moments, SlowFeatures, SlowModel, SlowStream, StreamOptions, solve};
+use adagio::value::{Fit, Lspi, LspiOptions, Outcomes, Samples};
+use faer::{Mat, MatRef, Par};
+use rand_distr::{Distribution, StandardNormal};
+
+use super::data::{BLOCK, width};
+
+/// Regulariser λ, in the units of the slowness.
+pub const LAMBDA: f64 = 1e-7;
+
+/// Frames per second of the robot.
+const RATE: f64 = 5.0;
+
+/// The largest `m` at which the dense solver is measured: above, one solution takes minutes.
+pub const DENSE_MOST: usize = 2000;
+
+/// Links of `n` frames that go on without a gap.
+pub fn links(n: usize) -> Vec<Option<Link>> {
+    vec![Some(Link { dt: 1.0 / RATE, weight: 1.0 }); n]
+}
+
+/// A Gaussian kernel for these frames.
+pub fn kernel(x: &Mat<f32>) -> Kernel {
+    Kernel::gaussian(width(x)).expect("a width of frames that differ")
+}
+
+/// A dictionary of the first `m` frames.
+pub fn dictionary(x: &Mat<f32>, m: usize, par: Par) -> Dictionary<f32> {
+    let mut dictionary = Dictionary::new(kernel(x), m, par);
+    for block in blocks(x, 0..m) {
+        dictionary.grow(block, |_, _| true).expect("finite frames");
+    }
+    assert_eq!(dictionary.len(), m, "frames that are combinations of others cannot become support vectors");
+    dictionary
+}
+
+/// A stream that takes each of its first `m` frames as a support vector, and then no more.
+pub fn empty_stream(x: &Mat<f32>, m: usize, retained: usize, par: Par) -> SlowStream<f32> {
+    let parameters = Parameters { kernel: kernel(x), nu: 1e-9, budget: m, when_full: WhenFull::Stop, par };
+    let selection = Ald::new(parameters).expect("valid parameters");
+    SlowStream::new(selection, StreamOptions { retained, ..StreamOptions::default() }).expect("valid options")
+}
+
+/// Growth and moments of some of the frames.
+pub fn push(stream: &mut SlowStream<f32>, x: &Mat<f32>, range: std::ops::Range<usize>) {
+    for block in blocks(x, range) {
+        push_block(stream, block);
+    }
+}
+
+/// Growth and moments of one block.
+pub fn push_block(stream: &mut SlowStream<f32>, block: MatRef<'_, f32>) {
+    stream.push(block, &links(block.ncols())).expect("finite frames");
+}
+
+/// Moments over the coordinates of all frames in a dictionary.
+pub fn moments(dictionary: &Dictionary<f32>, x: &Mat<f32>, par: Par) -> Moments {
+    let mut moments = Moments::new(par);
+    moments.widen(dictionary.len()).expect("not too many coordinates");
+    let mut before: Option<Mat<f64>> = None;
+    for block in blocks(x, 0..x.ncols()) {
+        let v = dictionary.coordinates(block).expect("finite frames");
+        let mut links = links(v.ncols());
+        if before.is_none() {
+            links[0] = None;
+        }
+        add_series(&mut moments, v.as_ref(), &links, before.as_ref().map(|last| last.as_ref()));
+        before = Some(v.as_ref().subcols(v.ncols() - 1, 1).to_owned());
+    }
+    moments
+}
+
+/// Moments of one block of coordinates.
+pub fn add_series(moments: &mut Moments, v: MatRef<'_, f64>, links: &[Option<Link>], before: Option<MatRef<'_, f64>>) {
+    moments.add_series(v, links, before).expect("blocks that fit");
+}
+
+/// Slow features as the running agent solves them.
+pub fn resolve(moments: &Moments, k: usize, previous: Option<&SlowFeatures>) -> SlowFeatures {
+    solve(moments, k, LAMBDA, previous).expect("moments of enough frames")
+}
+
+/// Slow features by the dense reference solver.
+pub fn resolve_dense(moments: &Moments, k: usize) -> SlowFeatures {
+    solve(moments, k, LAMBDA, None).expect("moments of enough frames")
+}
+
+/// The largest `m` at which [`resolve`] is measured.
+pub const RESOLVE_MOST: usize = DENSE_MOST;
+
+/// A model of `k` random features over the first `m` frames: it costs what a solved one costs.
+pub fn random_model(x: &Mat<f32>, m: usize, k: usize) -> SlowModel<f32> {
+    let members = x.as_ref().subcols(0, m).to_owned();
+    SlowModel::from_parts(kernel(x), members, random(m, k), vec![0.0; k], vec![1.0; k]).expect("parts that fit")
+}
+
+/// Features of observations.
+pub fn features(model: &SlowModel<f32>, x: MatRef<'_, f32>, par: Par) -> Mat<f64> {
+    model.apply(x, par).expect("observations of the right length")
+}
+
+/// A matrix of independent normal numbers.
+pub fn random(rows: usize, columns: usize) -> Mat<f64> {
+    let mut rng = adagio::random::stream(1, "bench matrix");
+    Mat::from_fn(rows, columns, |_, _| StandardNormal.sample(&mut rng))
+}
+
+/// Transitions in features, as policy iteration wants them.
+pub struct Transitions {
+    pub phi: Mat<f64>,
+    pub next: Mat<f64>,
+    pub actions: Vec<usize>,
+    pub rewards: Vec<f64>,
+    pub weights: Vec<f64>,
+}
+
+/// Number of actions.
+pub const ACTIONS: usize = 3;
+
+impl Transitions {
+    /// `n` transitions of a walk, with `k` waves of the pose and the constant as features.
+    pub fn of_walk(n: usize, k: usize) -> Self {
+        let poses = super::data::walk(n + 1);
+        let waves = random(4, k);
+        let feature = |i: usize, [x, y, heading]: [f64; 3]| match i.checked_sub(1) {
+            None => 1.0,
+            Some(i) => {
+                let turns = (i % 4) as f64;
+                (2.0 * (waves[(0, i)] * x + waves[(1, i)] * y) + turns * heading + 3.0 * waves[(2, i)]).cos()
+            }
+        };
+        let in_goal = |[x, y, _]: [f64; 3]| (x - 1.5).hypot(y - 0.9) < 0.2;
+        // The sign of the turn, or straight on, tells the action.
+        let action = |t: usize| match poses[t + 1][2] - poses[t][2] {
+            turn if turn > 0.05 => 1,
+            turn if turn < -0.05 => 2,
+            _ => 0,
+        };
+        Transitions {
+            phi: Mat::from_fn(k + 1, n, |i, t| feature(i, poses[t])),
+            next: Mat::from_fn(k + 1, n, |i, t| feature(i, poses[t + 1])),
+            actions: (0..n).map(action).collect(),
+            rewards: (0..n).map(|t| if in_goal(poses[t + 1]) { 1.0 } else { 0.0 }).collect(),
+            weights: vec![1.0; n],
+        }
+    }
+
+    /// A refit as the running agent does it, for one task.
+    pub fn refit(&self, par: Par) -> Fit {
+        let samples = Samples { phi: self.phi.as_ref(), actions: &self.actions, weights: &self.weights };
+        let problem = Lspi::new(samples, ACTIONS, par).expect("valid samples");
+        let outcomes = Outcomes { next: self.next.as_ref(), rewards: &self.rewards, allowed: None };
+        let options = LspiOptions {
+            gamma: 0.9,
+            ridge: 0.1,
+            mixing: 0.3,
+            max_iterations: 40,
+            tolerance: 1e-3,
+            ..LspiOptions::default()
+        };
+        problem.fit(&outcomes, &options).expect("valid outcomes")
+    }
+}
+
+/// What was learned, over `m` support vectors and `k` features, for one task.
+pub fn learned(x: &Mat<f32>, m: usize, k: usize) -> adagio::policy::Learned {
+    adagio::policy::Learned {
+        epoch: 1,
+        asked_at: 0,
+        frames: 0,
+        model: random_model(x, m, k),
+        weights: vec![random(k + 1, ACTIONS)],
+    }
+}
+
+/// A run of a scenario without evaluation, its log in a folder of its own. Gives the number of frames.
+pub fn run(scenario: &Arc<adagio::scenario::Scenario>) -> u64 {
+    use adagio::agent::{RunOptions, Status};
+    use std::sync::atomic::AtomicBool;
+
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let options = adagio::log::LogOptions::default();
+    let log = adagio::log::LogWriter::create(&folder.path().join("run.mcap"), &options, &BTreeMap::new())
+        .expect("a log in a new folder");
+    let world = Arc::new(adagio::world::World::new(scenario).expect("a scenario without image files"));
+    let mut source = adagio::source::Simulated::new(scenario.clone(), world);
+    let (stop, status) = (AtomicBool::new(false), Status::default());
+    let options = RunOptions { stop: &stop, status: &status, checkpoint: None, evaluator: None };
+    adagio::agent::run(scenario, &mut source, log, &options).expect("a run").frames
+}
+
+/// The given columns in blocks as a stream has them.
+fn blocks(x: &Mat<f32>, range: std::ops::Range<usize>) -> impl Iterator<Item = MatRef<'_, f32>> {
+    let end = range.end;
+    range.step_by(BLOCK).map(move |start| x.as_ref().subcols(start, BLOCK.min(end - start)))
+}

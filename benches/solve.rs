@@ -1,0 +1,62 @@
+//! From moments to slow features.
+//!
+//! The moments are those of `1.25 m` frames over a dictionary of `m`.
+
+mod common;
+
+use common::data::{D, frames};
+use common::operations::{DENSE_MOST, RESOLVE_MOST};
+use common::{Size, allowed, operations, standard};
+
+use adagio::slow::Moments;
+use divan::Bencher;
+use faer::Par;
+
+fn main() {
+    common::main();
+}
+
+/// Features that are asked for.
+const K: usize = 128;
+
+fn up_to(most: usize) -> Vec<Size> {
+    standard().into_iter().filter(|size| size.m <= most).map(|size| size.k(K)).collect()
+}
+
+/// The solver of the running agent, without an earlier solution.
+#[divan::bench(args = up_to(RESOLVE_MOST), sample_size = 1, sample_count = 5, max_time = 10)]
+fn cold(bencher: Bencher, size: Size) {
+    let (moments, k) = (moments(size.m), size.k.unwrap_or(K));
+    bencher.bench_local(|| operations::resolve(&moments, k, None));
+}
+
+/// The same, aligned with the solution for the first three quarters of the frames.
+#[divan::bench(args = up_to(RESOLVE_MOST), sample_size = 1, sample_count = 5, max_time = 10)]
+fn warm(bencher: Bencher, size: Size) {
+    let (x, k) = (frames(D, size.m + size.m / 4), size.k.unwrap_or(K));
+    let dictionary = operations::dictionary(&x, size.m, Par::rayon(2));
+    let first = x.as_ref().subcols(0, size.m).to_owned();
+    let previous = operations::resolve(&operations::moments(&dictionary, &first, Par::rayon(2)), k, None);
+    let moments = operations::moments(&dictionary, &x, Par::rayon(2));
+    bencher.bench_local(|| operations::resolve(&moments, k, Some(&previous)));
+}
+
+/// Against the number of features.
+#[divan::bench(args = allowed([32, 128, 500].map(|k| Size::of(2000).k(k))), sample_size = 1, sample_count = 5, max_time = 10)]
+fn cold_of_k(bencher: Bencher, size: Size) {
+    let (moments, k) = (moments(size.m), size.k.unwrap_or(K));
+    bencher.bench_local(|| operations::resolve(&moments, k, None));
+}
+
+/// The dense reference solver.
+#[divan::bench(args = up_to(DENSE_MOST), sample_size = 1, sample_count = 3, max_time = 10)]
+fn dense(bencher: Bencher, size: Size) {
+    let (moments, k) = (moments(size.m), size.k.unwrap_or(K));
+    bencher.bench_local(|| operations::resolve_dense(&moments, k));
+}
+
+fn moments(m: usize) -> Moments {
+    let x = frames(D, m + m / 4);
+    let dictionary = operations::dictionary(&x, m, Par::rayon(2));
+    operations::moments(&dictionary, &x, Par::rayon(2))
+}
