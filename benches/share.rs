@@ -29,9 +29,9 @@ fn main() {
     }
 }
 
-/// Blocks of one measurement with a full dictionary, about a second's worth.
+/// Blocks of one measurement with a full dictionary, up to about a second's worth.
 fn blocks_at(m: usize) -> usize {
-    (40_000_000 / (m * m)).clamp(2, 40)
+    (16_000_000 / (m * m)).clamp(2, 16)
 }
 
 /// Measurements with a full dictionary.

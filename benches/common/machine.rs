@@ -14,7 +14,7 @@ pub struct Rates {
 }
 
 /// Edge of the matrices whose product is timed: large enough for the full rate, small enough to be timed often.
-const EDGE: usize = 2000;
+const EDGE: usize = 1500;
 
 impl Rates {
     /// The rates at this moment: the best of two products in each precision, so that a start-up does not count.
