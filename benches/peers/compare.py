@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """The same work here and in numpy, scipy, scikit-learn, sksfa and MDP, measured alternately in one session.
 
-    python3 benches/peers/compare.py            everything, about half an hour on two cores
+    python3 benches/peers/compare.py            everything
     python3 benches/peers/compare.py --quick    small sizes, to see that everything runs
     python3 benches/peers/compare.py --only solve
 
