@@ -54,6 +54,20 @@ fn one_core_gives_the_digest_of_all() {
 }
 
 #[test]
+fn threads_for_matrix_products_do_not_change_the_digest() {
+    let folder = tempfile::tempdir().unwrap();
+    // Products large enough to be shared among threads, and a partial solver.
+    let large = ["--set", "dictionary.budget=600", "--set", "dictionary.nu=0.001"];
+    let of = |threads: usize| {
+        let set = format!("agent.threads={threads}");
+        digest(folder.path(), &format!("threads_{threads}"), &[&large[..], &["--set", &set]].concat())
+    };
+    let one = of(1);
+    assert_eq!(of(2), one);
+    assert_eq!(of(3), one);
+}
+
+#[test]
 fn logs_of_the_same_run_hold_the_same_observations_and_decisions() {
     let folder = tempfile::tempdir().unwrap();
     let read = |name: &str| {

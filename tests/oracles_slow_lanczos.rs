@@ -114,8 +114,8 @@ fn the_residual_is_what_it_says() {
             rest.col_mut(j).copy_from(&column);
         }
         faer::linalg::triangular_solve::solve_lower_triangular_in_place(factor.L(), rest.as_mut(), Par::Seq);
-        for j in 0..k {
-            worst = worst.max(rest.col(j).norm_l2() * mu[j].sqrt() / mu[j]);
+        for (column, mu) in rest.col_iter().zip(&mu) {
+            worst = worst.max(column.norm_l2() / mu.sqrt());
         }
         assert!(residual <= tolerance && worst < 1.001 * residual + 1e-11, "{worst} against {residual}");
         assert!(worst > 0.999 * residual - 1e-11, "{worst} against {residual}");

@@ -6,7 +6,7 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
 
 use super::DictionaryError;
-use crate::kernel::products::solve_lower;
+use crate::kernel::products::{for_columns, solve_lower};
 use crate::kernel::{self, Kernel, KernelError, Scalar, squared_norms};
 
 /// What a block of observations did.
@@ -261,7 +261,8 @@ impl<T: Scalar> Dictionary<T> {
         }
         let mut rows = self.rows_from(before, x, norms)?;
         let factor = self.factor.as_ref();
-        matmul(rows.as_mut(), Accum::Add, factor.submatrix(before, 0, m - before, before), old, -1.0, self.par);
+        let par = for_columns(self.par, old.ncols());
+        matmul(rows.as_mut(), Accum::Add, factor.submatrix(before, 0, m - before, before), old, -1.0, par);
         let corner = factor.submatrix(before, before, m - before, m - before);
         solve_lower(corner, rows.as_mut(), self.par);
         Ok(rows)

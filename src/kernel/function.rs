@@ -187,12 +187,8 @@ impl Kernel {
             Form::Linear => product,
             Form::Polynomial { degree, offset } => polynomial(product, degree, offset),
             Form::NormalisedPolynomial { degree } => normalised_polynomial(product, left_norm, right_norm, degree),
-            Form::Radial { sigma, exponent: 2.0 } => {
-                gaussian(product, left_norm, right_norm, 2.0 * sigma * sigma)
-            }
-            Form::Radial { sigma, exponent: 1.0 } => {
-                laplacian(product, left_norm, right_norm, 2.0 * sigma * sigma)
-            }
+            Form::Radial { sigma, exponent: 2.0 } => gaussian(product, left_norm, right_norm, 2.0 * sigma * sigma),
+            Form::Radial { sigma, exponent: 1.0 } => laplacian(product, left_norm, right_norm, 2.0 * sigma * sigma),
             Form::Radial { sigma, exponent } => {
                 radial(product, left_norm, right_norm, 2.0 * sigma * sigma, 0.5 * exponent)
             }

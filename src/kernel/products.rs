@@ -24,6 +24,12 @@ pub(crate) fn join(par: Par, first: impl FnOnce(Par) + Send, second: impl FnOnce
     }
 }
 
+/// Threads for a product or a solve with `columns` columns: one thread for a single column, because faer sums such a product
+/// in as many parts as there are threads, with other bits.
+pub(crate) fn for_columns(par: Par, columns: usize) -> Par {
+    if columns > 1 { par } else { Par::Seq }
+}
+
 /// Where to cut `size` into two parts so that the first is a multiple of `unit`, and about half.
 pub(crate) fn whole_halves(size: usize, unit: usize) -> usize {
     size.div_ceil(2 * unit) * unit
@@ -78,6 +84,7 @@ const COLUMNS: usize = 128;
 /// `l: m × m`, `x: m × n`.
 pub(crate) fn solve_lower(l: MatRef<'_, f64>, mut x: MatMut<'_, f64>, par: Par) {
     let m = x.nrows();
+    let par = for_columns(par, x.ncols());
     for start in (0..m).step_by(ROWS) {
         let rows = ROWS.min(m - start);
         let (solved, rest) = x.as_mut().split_at_row_mut(start);

@@ -5,6 +5,7 @@ use faer::{Mat, MatRef, Par};
 
 use super::error::SlowError;
 use super::symmetric::ascending;
+use crate::kernel::products::for_columns;
 
 /// Eigenvalues below this share of the largest one are directions without variance: rounding of the sums is about
 /// n·2⁻⁵³ of it.
@@ -38,5 +39,6 @@ pub(super) fn to_weights(vectors: &mut Mat<f64>, mu: &[f64], r: MatRef<'_, f64>,
     for (column, mu) in vectors.col_iter_mut().zip(mu) {
         column.iter_mut().for_each(|value| *value /= mu.sqrt());
     }
+    let par = for_columns(par, vectors.ncols());
     solve_upper_triangular_in_place(r.transpose(), vectors.as_mut(), par);
 }

@@ -26,6 +26,7 @@ use rand::RngExt;
 
 use super::error::SlowError;
 use super::symmetric::ascending;
+use crate::kernel::products::for_columns;
 use crate::random;
 
 /// Columns of a block, for few features and for many. Products with wider blocks are faster (26 and 33 of 42 GF/s with 32 and
@@ -138,7 +139,7 @@ fn iterate(
         let chosen = |count: usize| {
             let mut best = Mat::zeros(m, count);
             let columns = vectors.subcols(size - count, count).reverse_cols();
-            matmul(best.as_mut(), Accum::Replace, basis.as_ref(), columns, 1.0, par);
+            matmul(best.as_mut(), Accum::Replace, basis.as_ref(), columns, 1.0, for_columns(par, count));
             best
         };
         let hopeless = residuals.col(size - k).norm_l2() <= ROUNDING * first && smallest <= ROUNDING * first;
@@ -208,6 +209,7 @@ fn expand(basis: &Mat<f64>, projected: &mut Mat<f64>, mut image: Mat<f64>, par: 
 
 /// Subtract from the columns of `x` their part in the basis; what it was, in coordinates of the basis.
 fn project_out(basis: &Mat<f64>, x: &mut Mat<f64>, par: Par) -> Mat<f64> {
+    let par = for_columns(par, x.ncols());
     let mut products = Mat::zeros(basis.ncols(), x.ncols());
     matmul(products.as_mut(), Accum::Replace, basis.transpose(), x.as_ref(), 1.0, par);
     matmul(x.as_mut(), Accum::Add, basis.as_ref(), products.as_ref(), -1.0, par);

@@ -13,12 +13,14 @@ use faer::prelude::{Reborrow, ReborrowMut};
 use faer::{Accum, Mat, MatMut, MatRef, Par};
 
 use super::error::SlowError;
+use crate::kernel::products::for_columns;
 
 /// Columns that the Cholesky factor is made of at a time. It decides about the bits: it must not depend on the machine.
 const PANEL: usize = 256;
 
 /// Product `scale·A·X` of a symmetric `A`, of which the lower triangle is read.
 pub(super) fn times(lower: MatRef<'_, f64>, x: MatRef<'_, f64>, scale: f64, par: Par) -> Mat<f64> {
+    let par = for_columns(par, x.ncols());
     // By rows: faster where there are few columns.
     let mut rows = Mat::zeros(x.ncols(), x.nrows());
     let rectangle = BlockStructure::Rectangular;
@@ -49,12 +51,13 @@ pub(super) fn cholesky(mut a: MatMut<'_, f64>, par: Par) -> bool {
         let (_, _, left, right) = a.rb_mut().split_at_mut(start, start);
         let left = left.rb();
         let mut panel = right.subcols_mut(0, width);
-        matmul(panel.rb_mut(), Accum::Add, left, left.subrows(0, width).transpose(), -1.0, par);
+        matmul(panel.rb_mut(), Accum::Add, left, left.subrows(0, width).transpose(), -1.0, for_columns(par, width));
         let (mut corner, below) = panel.split_at_row_mut(width);
         let stack = MemStack::new(&mut memory);
         if cholesky_in_place(corner.rb_mut(), Default::default(), Par::Seq, stack, Default::default()).is_err() {
             return false;
         }
+        let par = for_columns(par, below.nrows());
         solve_lower_triangular_in_place(corner.rb(), below.transpose_mut(), par);
     }
     true

@@ -278,7 +278,7 @@ impl Strip<'_> {
         let mut phase = first.wrapping_sub(step.wrapping_mul(begin as u32));
         let count = texels.len() as u64;
         for row in &mut self.tile[begin..end] {
-            row[self.lane % TILE] = texels[(u64::from(phase) * count >> 32) as usize];
+            row[self.lane % TILE] = texels[((u64::from(phase) * count) >> 32) as usize];
             phase = phase.wrapping_sub(step);
         }
     }

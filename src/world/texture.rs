@@ -87,7 +87,7 @@ impl TextureMap {
 
 /// The texel of a coordinate, on a map that repeats after `length` of them.
 fn texel(phase: u32, length: usize) -> usize {
-    (u64::from(phase) * length as u64 >> 32) as usize
+    ((u64::from(phase) * length as u64) >> 32) as usize
 }
 
 fn procedural(texture: &Texture, around: Option<f64>) -> TextureMap {
