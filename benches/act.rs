@@ -61,7 +61,7 @@ impl Robot {
 
     fn decide(&self) -> Action {
         let observation = observe(&self.image, &self.vision, 0);
-        self.reflexes.best(self.learned.q_values_of(&observation, 0), Recent::default()).0
+        self.reflexes.best(self.learned.q_values(&observation, 0), Recent::default()).0
     }
 }
 

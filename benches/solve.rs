@@ -5,7 +5,7 @@
 mod common;
 
 use common::data::{D, frames};
-use common::operations::{DENSE_MOST, RESOLVE_MOST};
+use common::operations::DENSE_MOST;
 use common::{Size, allowed, operations, standard};
 
 use adagio::slow::Moments;
@@ -24,14 +24,14 @@ fn up_to(most: usize) -> Vec<Size> {
 }
 
 /// The solver of the running agent, without an earlier solution.
-#[divan::bench(args = up_to(RESOLVE_MOST), sample_size = 1, sample_count = 5, max_time = 10)]
+#[divan::bench(args = up_to(usize::MAX), sample_size = 1, sample_count = 5, max_time = 10)]
 fn cold(bencher: Bencher, size: Size) {
     let (moments, k) = (moments(size.m), size.k.unwrap_or(K));
     bencher.bench_local(|| operations::resolve(&moments, k, None));
 }
 
 /// The same, aligned with the solution for the first three quarters of the frames.
-#[divan::bench(args = up_to(RESOLVE_MOST), sample_size = 1, sample_count = 5, max_time = 10)]
+#[divan::bench(args = up_to(usize::MAX), sample_size = 1, sample_count = 5, max_time = 10)]
 fn warm(bencher: Bencher, size: Size) {
     let (x, k) = (frames(D, size.m + size.m / 4), size.k.unwrap_or(K));
     let dictionary = operations::dictionary(&x, size.m, Par::rayon(2));

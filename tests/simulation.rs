@@ -163,7 +163,10 @@ fn what_vision_needs_has_the_geometry_of_the_full_image() {
     let poses: Vec<Pose> = (0..400)
         .map(|i| {
             let share = |step: f64| (f64::from(i) * step).fract();
-            Pose::new(Point2::new(0.3 + 2.4 * share(0.618), 0.3 + 1.2 * share(0.414)), 6.28 * share(0.732))
+            Pose::new(
+                Point2::new(0.3 + 2.4 * share(0.618), 0.3 + 1.2 * share(0.414)),
+                std::f64::consts::TAU * share(0.732),
+            )
         })
         .collect();
     let [full, vision] = seen_in_both_details(&poses);

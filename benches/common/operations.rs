@@ -5,7 +5,9 @@ use std::sync::Arc;
 
 use adagio::dictionary::{Ald, Dictionary, Parameters, WhenFull};
 use adagio::kernel::Kernel;
-use adagio::slow::{Link, Moments, SlowFeatures, SlowModel, SlowStream, StreamOptions, solve};
+use adagio::slow::{
+    Link, Method, Moments, SlowFeatures, SlowModel, SlowStream, SolveOptions, StreamOptions, solve_with,
+};
 use adagio::value::{Fit, Lspi, LspiOptions, Outcomes, Samples};
 use faer::{Mat, MatRef, Par};
 use rand_distr::{Distribution, StandardNormal};
@@ -82,18 +84,17 @@ pub fn add_series(moments: &mut Moments, v: MatRef<'_, f64>, links: &[Option<Lin
     moments.add_series(v, links, before).expect("blocks that fit");
 }
 
-/// Slow features as the running agent solves them.
+/// Slow features as the running agent solves them, on all cores.
 pub fn resolve(moments: &Moments, k: usize, previous: Option<&SlowFeatures>) -> SlowFeatures {
-    solve(moments, k, LAMBDA, previous).expect("moments of enough frames")
+    let options = SolveOptions { method: Method::Automatic, par: Par::rayon(0) };
+    solve_with(moments, k, LAMBDA, previous, &options).expect("moments of enough frames")
 }
 
 /// Slow features by the dense reference solver.
 pub fn resolve_dense(moments: &Moments, k: usize) -> SlowFeatures {
-    solve(moments, k, LAMBDA, None).expect("moments of enough frames")
+    let options = SolveOptions { method: Method::Dense, par: Par::rayon(0) };
+    solve_with(moments, k, LAMBDA, None, &options).expect("moments of enough frames")
 }
-
-/// The largest `m` at which [`resolve`] is measured.
-pub const RESOLVE_MOST: usize = DENSE_MOST;
 
 /// A model of `k` random features over the first `m` frames: it costs what a solved one costs.
 pub fn random_model(x: &Mat<f32>, m: usize, k: usize) -> SlowModel<f32> {
@@ -171,13 +172,8 @@ impl Transitions {
 
 /// What was learned, over `m` support vectors and `k` features, for one task.
 pub fn learned(x: &Mat<f32>, m: usize, k: usize) -> adagio::policy::Learned {
-    adagio::policy::Learned {
-        epoch: 1,
-        asked_at: 0,
-        frames: 0,
-        model: random_model(x, m, k),
-        weights: vec![random(k + 1, ACTIONS)],
-    }
+    adagio::policy::Learned::new(1, 0, 0, random_model(x, m, k), vec![random(k + 1, ACTIONS)])
+        .expect("weights that fit the model")
 }
 
 /// A run of a scenario without evaluation, its log in a folder of its own. Gives the number of frames.

@@ -61,7 +61,12 @@ pub(super) fn block(k: usize) -> usize {
 
 /// Is the iteration one for `k` of `m` eigenvalues? Its basis must have room, and be worth it.
 pub(super) fn fits(m: usize, k: usize) -> bool {
-    k > 0 && 2 * basis_limit(k, block(k)) <= m
+    has_room(m, k, block(k))
+}
+
+/// May the basis for `k` features with blocks of `block` be as large as it needs? Any `k` can be asked for, also the largest.
+fn has_room(m: usize, k: usize, block: usize) -> bool {
+    (1..m).contains(&k) && 2 * basis_limit(k, block) <= m
 }
 
 /// The most vectors that the basis for `k` features with blocks of `block` may have.
@@ -86,7 +91,7 @@ pub(super) fn largest(
     par: Par,
 ) -> Result<Option<Found>, SlowError> {
     let mut block = block(k);
-    while k > 0 && 2 * basis_limit(k, block) <= m {
+    while has_room(m, k, block) {
         match iterate(operator, m, k, block, tolerance, par)? {
             Some(found) if may_have_missed_some(&found.values, block, tolerance) => block *= 2,
             other => return Ok(other),
