@@ -148,7 +148,9 @@ fn a_scenario_that_needs_too_much_memory_is_refused_with_numbers_or_shrunk() {
     assert!(refused.stdout.is_empty());
     let text = stderr(&refused);
     assert!(text.contains("dictionary.budget = 2000 needs ") && text.contains("allows 0.1 GB"), "{text}");
-    let largest = text.trim_end().trim_end_matches(']').rsplit(' ').next().unwrap();
+    let largest = text.split("the largest budget that fits is ").nth(1).unwrap();
+    let (largest, features) = largest.trim_end().split_once(", with ").unwrap_or((largest.trim_end(), ""));
+    assert_eq!(features, "", "{text}");
     // What it names is the largest that is accepted.
     let next = (largest.parse::<usize>().unwrap() + 1).to_string();
     for (budget, code) in [(largest, 0), (&next, 2)] {
@@ -163,7 +165,31 @@ fn a_scenario_that_needs_too_much_memory_is_refused_with_numbers_or_shrunk() {
     let frames = ["--set", "agent.memory_gb=0.001", "--set", "agent.over_memory=shrink"];
     let hopeless = check(&frames);
     assert_eq!(hopeless.status.code(), Some(2));
-    assert!(stderr(&hopeless).contains("retain fewer frames"), "{}", stderr(&hopeless));
+    assert!(stderr(&hopeless).contains("no budget fits; the part "), "{}", stderr(&hopeless));
+}
+
+/// The solver needs less memory from that number of support vectors on at which it iterates.
+#[test]
+fn the_largest_budget_is_found_although_memory_does_not_only_grow() {
+    let folder = tempfile::tempdir().unwrap();
+    let of = |gigabytes: f64, more: &[&str]| {
+        let set = format!("agent.memory_gb={gigabytes}");
+        let common =
+            ["check", &smoke(), "--set", "slow.features=500", "--set", "dictionary.budget=8000", "--set", &set];
+        adagio(folder.path(), &[&common[..], more].concat())
+    };
+    for gigabytes in [1.0, 1.5, 2.0, 2.5, 3.0] {
+        let text = stderr(&of(gigabytes, &[]));
+        let largest: usize = text.split("fits is ").nth(1).unwrap().trim().parse().unwrap();
+        let accepted = |budget: usize| {
+            let set = format!("dictionary.budget={budget}");
+            of(gigabytes, &["--set", &set]).status.success()
+        };
+        assert!(accepted(largest), "{gigabytes} GB: {largest}");
+        for more in [1, 10, 100, 300, 600, 1000] {
+            assert!(!accepted(largest + more), "{gigabytes} GB: {}", largest + more);
+        }
+    }
 }
 
 #[test]

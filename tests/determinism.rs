@@ -56,11 +56,15 @@ fn one_core_gives_the_digest_of_all() {
 #[test]
 fn threads_for_matrix_products_do_not_change_the_digest() {
     let folder = tempfile::tempdir().unwrap();
-    // Products large enough to be shared among threads, and a partial solver.
-    let large = ["--set", "dictionary.budget=600", "--set", "dictionary.nu=0.001"];
+    // Products large enough to be shared among threads, and so many coordinates that the solver iterates.
+    let large = "dictionary.budget=900 dictionary.nu=0.0001 slow.features=20".split(' ').flat_map(|set| ["--set", set]);
+    let large: Vec<&str> = large.collect();
     let of = |threads: usize| {
-        let set = format!("agent.threads={threads}");
-        digest(folder.path(), &format!("threads_{threads}"), &[&large[..], &["--set", &set]].concat())
+        let (name, set) = (format!("threads_{threads}"), format!("agent.threads={threads}"));
+        let digest = digest(folder.path(), &name, &[&large[..], &["--set", &set]].concat());
+        let size = report(&folder.path().join(name))["dictionary"]["support_vectors"].as_u64().unwrap();
+        assert!(size >= 576, "{size} support vectors");
+        digest
     };
     let one = of(1);
     assert_eq!(of(2), one);

@@ -63,7 +63,7 @@ pub fn perceive(
 ) -> Result<Perceived, RunError> {
     let mut perceive = Perceive::new(scenario.clone());
     let mut done = Perceived { frames: 0, quarantined: 0, support_vectors: 0, nu: None, clock: Clock::new() };
-    let mut last_boundary = None;
+    let (mut last_boundary, mut last_number) = (None, None);
     loop {
         let Ok(frame) = frames.take() else {
             let last = perceive.finish()?;
@@ -74,6 +74,10 @@ pub fn perceive(
         let begin = Instant::now();
         let (stamp, action) = (frame.stamp_ns, frame.action);
         let mut sent = record.frame(&frame);
+        // Frames are missing before this one: what the action came to cannot be told.
+        if last_number.replace(frame.number).is_none_or(|last| last + 1 != frame.number) {
+            last_boundary = None;
+        }
         let (observation, percept) = perceive.see(frame);
         sent = sent.and_then(|()| record.observation(&observation, stamp));
         if let Some(percept) = percept {
@@ -126,6 +130,23 @@ pub struct Acted {
     pub actions: u64,
     pub pursuits: Vec<Tally>,
     pub clock: Clock,
+    /// The newest model, until it is passed on.
+    to_assess: Option<(Arc<Learned>, u64)>,
+}
+
+impl Acted {
+    fn new() -> Self {
+        let (pursuits, clock) = (Vec::new(), Clock::new());
+        Acted { learned: None, without_model: None, actions: 0, pursuits, clock, to_assess: None }
+    }
+
+    /// Pass on the newest model; waits for room.
+    fn pass_on(&mut self, assess: &Outbox<(Arc<Learned>, u64)>) {
+        if let Some(model) = self.to_assess.take() {
+            // An assess actor that is gone has failed, and that is reported.
+            let _ = assess.put(model);
+        }
+    }
 }
 
 /// The act actor's surroundings.
@@ -147,30 +168,35 @@ impl Deciding<'_> {
         assess: &Outbox<(Arc<Learned>, u64)>,
     ) -> Result<Acted, RunError> {
         let mut act = Act::new(self.scenario);
-        let mut acted =
-            Acted { learned: None, without_model: None, actions: 0, pursuits: Vec::new(), clock: Clock::new() };
-        // Frames at which models were asked for whose answers have not come into effect.
+        let mut acted = Acted::new();
+        // In lockstep: frames at which models were asked for whose answers have not come into effect.
         let mut asked = VecDeque::new();
+        let realtime = self.scenario.agent.mode == Mode::Realtime;
         let mut last_frame = 0;
         let latency = self.scenario.agent.latency_frames as u64;
         while let Ok(percept) = percepts.take() {
-            asked.extend(percept.asked.iter().copied());
             let frame = percept.observation.frame;
             last_frame = frame;
-            while let Some(&at) = asked.front() {
-                let update = match self.scenario.agent.mode {
-                    Mode::Lockstep if at + latency <= frame => updates.take().map(Some),
-                    Mode::Lockstep => break,
-                    Mode::Realtime => updates.poll(),
+            if !realtime {
+                asked.extend(percept.asked.iter().copied());
+            }
+            loop {
+                let update = if realtime {
+                    updates.poll()
+                } else if asked.pop_front_if(|at| *at + latency <= frame).is_some() {
+                    updates.take().map(Some)
+                } else {
+                    Ok(None)
                 };
                 match update {
-                    Ok(Some(update)) => {
-                        asked.pop_front();
-                        self.install(&mut act, &mut acted, update, frame, percept.stamp_ns, assess);
-                    }
+                    Ok(Some(update)) => self.install(&mut act, &mut acted, update, frame, percept.stamp_ns),
                     Ok(None) => break,
                     Err(Closed) => return Ok(acted),
                 }
+            }
+            // A robot does not wait until the models before this one were tried: it passes on the newest when it can.
+            if !realtime || assess.has_room() {
+                acted.pass_on(assess);
             }
             let stop = self.stop.load(Ordering::Relaxed) || self.ended.load(Ordering::Relaxed);
             if stop || acted.actions >= self.scenario.actions as u64 {
@@ -198,32 +224,26 @@ impl Deciding<'_> {
         while let Ok(update) = updates.take() {
             // It would act from the frame after the last one.
             let stamp_ns = self.status.snapshot().stamp_ns;
-            self.install(&mut act, &mut acted, update, last_frame + 1, stamp_ns, assess);
+            self.install(&mut act, &mut acted, update, last_frame + 1, stamp_ns);
+            acted.pass_on(assess);
         }
+        acted.pass_on(assess);
         acted.pursuits = act.tallies().to_vec();
         Ok(acted)
     }
 
-    fn install(
-        &self,
-        act: &mut Act,
-        acted: &mut Acted,
-        update: Update,
-        frame: u64,
-        stamp_ns: u64,
-        assess: &Outbox<(Arc<Learned>, u64)>,
-    ) {
+    fn install(&self, act: &mut Act, acted: &mut Acted, update: Update, frame: u64, stamp_ns: u64) {
         match &update.learned {
             Ok(learned) => {
                 act.install(learned.clone());
                 acted.learned = Some(learned.clone());
                 acted.without_model = None;
-                // A closed log ends the run at the next decision; a closed assess actor has failed and is reported.
+                // A closed log ends the run at the next decision.
                 let _ = self.record.update(&update, learned, frame, stamp_ns);
                 let slowness = &learned.model.slowness;
                 let mean = slowness.iter().sum::<f64>() / slowness.len() as f64;
                 self.status.update(|s| (s.epoch, s.slowness_mean) = (learned.epoch, Some(mean)));
-                let _ = assess.put((learned.clone(), stamp_ns));
+                acted.to_assess = Some((learned.clone(), stamp_ns));
             }
             Err(reason) => {
                 let text = format!("no model from the frames up to {}: {reason}", update.asked_at);

@@ -13,11 +13,15 @@ use crate::slow::{Method, SlowStream, solve_bytes};
 /// | part | bytes |
 /// |---|---|
 /// | stream: dictionary, moments, retained frames | `24m² + 4md + r(8m + 4d)` and what [`SlowStream::bytes`] adds |
-/// | requests: copies of dictionary and moments, one with the solver, one that waits | `2(24m² + 4md)` |
+/// | thinning, where support vectors leave at the budget | `48m²` |
+/// | requests: copies of dictionary and moments, with the solver, in its queue, and one that is made | `3(24m² + 4md)` |
 /// | solver | [`solve_bytes`]: about `8m² + 48mk` |
-/// | values: the window, its features, policy iteration | `N(d + 48(k + 1)) + 216(k + 1)²` |
+/// | models: in use, in trials, on their way (`w` of them wait for their frame) | `(6 + w) m(5d + 8k + 24·tasks)` |
+/// | values: the window, its features, policy iteration of `t` tasks side by side | `N(2d + (48 + 8t)(k + 1)) + (24 + 384t)(k + 1)²` |
+/// | images in the queue | `3 · width · height` each |
 ///
-/// Beside it stand the program, images and messages in the queues, and what the allocator keeps.
+/// Beside it stand the program and what the allocator keeps. Where the solver's iteration cannot find the features, its
+/// dense reference takes `48m²` or, where the coordinates are redundant, `104m²` in its place; this is not counted.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Memory {
     /// Name and bytes of each part.
@@ -27,37 +31,66 @@ pub struct Memory {
 impl Memory {
     /// What a scenario will need.
     pub fn of(s: &Scenario) -> Self {
+        Memory::with_budget(s, s.dictionary.budget)
+    }
+
+    /// What a scenario will need with another budget of support vectors, and no more features than that.
+    pub fn with_budget(s: &Scenario, budget: usize) -> Self {
         // Where members can leave, a block may exceed the budget before they do.
         let exceeds = s.dictionary.selection != SelectionRule::Ald || s.dictionary.when_full != WhenFull::Stop;
-        let m = s.dictionary.budget + if exceeds { s.dictionary.block_frames } else { 0 };
+        let m = budget + if exceeds { s.dictionary.block_frames } else { 0 };
         let d = 3 * s.vision.width * s.vision.height;
         let mut stream = stream_options(s);
         stream.retained = stream.retained.min(s.actions.saturating_mul(s.robot.frames_per_action));
-        let (k, n) = (s.slow.features as u64 + 1, s.value.window.min(s.actions) as u64);
-        Memory {
-            parts: vec![
-                ("stream", SlowStream::<f32>::bytes(&stream, m, d, s.dictionary.block_frames)),
-                ("requests", 2 * (24 * m * m + 4 * m * d) as u64),
-                ("solver", solve_bytes(m, s.slow.features, Method::Automatic) as u64),
-                ("values", n * (d as u64 + 48 * k) + 216 * k * k),
-            ],
-        }
+        let features = s.slow.features.min(budget);
+        let of_stream = SlowStream::<f32>::bytes(&stream, m, d, s.dictionary.block_frames);
+        let of_solver = solve_bytes(m, features, Method::Automatic);
+        let tasks = s.tasks.len() as u64;
+        let side_by_side = if s.agent.threads > 1 { tasks } else { 1 };
+        let waiting = s.agent.queue.min(s.agent.latency_frames / s.agent.resolve_frames) as u64;
+        let image = 3 * s.camera.width as u64 * s.camera.height as u64;
+        let [m, d, k, n] = [m, d, features + 1, s.value.window.min(s.actions)].map(|size| size as u64);
+        let parts = [
+            ("stream", of_stream),
+            ("thinning", if exceeds { 48 * m * m } else { 0 }),
+            ("requests", 3 * (24 * m * m + 4 * m * d)),
+            ("solver", of_solver),
+            ("models", (6 + waiting) * m * (5 * d + 8 * k + 24 * tasks)),
+            ("values", n * (2 * d + (48 + 8 * side_by_side) * k) + (24 + 384 * side_by_side) * k * k),
+            ("images", s.agent.queue as u64 * image),
+        ];
+        Memory { parts: parts.into_iter().filter(|part| part.1 > 0).collect() }
     }
 
     /// All parts together.
     pub fn total(&self) -> u64 {
-        self.parts.iter().map(|part| part.1).sum()
+        self.parts.iter().fold(0, |sum, part| sum.saturating_add(part.1))
+    }
+
+    /// The largest part.
+    pub fn largest(&self) -> (&'static str, u64) {
+        self.parts.iter().copied().max_by_key(|part| part.1).unwrap_or(("nothing", 0))
     }
 }
 
-/// The memory that this process may use at most, bytes: that of the machine, or of the control group that it runs in;
-/// `None` where the system does not say.
+/// The memory that there is for this process, bytes: that of the machine, or of the control group that it runs in (the limits
+/// of groups around that one are not looked at); `None` where the system does not say.
 pub fn machine_memory() -> Option<u64> {
     let machine = std::fs::read_to_string("/proc/meminfo").ok()?;
     let line = machine.lines().find_map(|line| line.strip_prefix("MemTotal:"))?;
     let bytes = 1024 * line.split_whitespace().next()?.parse::<u64>().ok()?;
-    let group = std::fs::read_to_string("/sys/fs/cgroup/memory.max").ok();
-    // It reads "max" where there is no limit.
-    let limit = group.and_then(|text| text.trim().parse::<u64>().ok());
-    Some(limit.map_or(bytes, |limit| limit.min(bytes)))
+    Some(group_limits().fold(bytes, u64::min))
+}
+
+/// Limits of the control groups that this process runs in; files of both versions of control groups.
+fn group_limits() -> impl Iterator<Item = u64> {
+    let own = std::fs::read_to_string("/proc/self/cgroup").unwrap_or_default();
+    let own = own.lines().find_map(|line| line.strip_prefix("0::")).unwrap_or("/").to_owned();
+    let files = [
+        format!("/sys/fs/cgroup{own}/memory.max"),
+        "/sys/fs/cgroup/memory.max".to_owned(),
+        "/sys/fs/cgroup/memory/memory.limit_in_bytes".to_owned(),
+    ];
+    // They read "max" where there is no limit.
+    files.into_iter().filter_map(|file| std::fs::read_to_string(file).ok()?.trim().parse().ok())
 }

@@ -134,7 +134,7 @@ pub fn run(
     status.watch(gauge);
     let (updates_out, updates_in, gauge) = queue::<Update>("updates", capacity);
     status.watch(gauge);
-    let (assess_out, assess_in, gauge) = queue::<(Arc<Learned>, u64)>("assess", capacity);
+    let (assess_out, assess_in, gauge) = queue::<(Arc<Learned>, u64)>("assess", 2);
     status.watch(gauge);
     let (writes_out, writes_in, gauge) = queue("log", 8 * capacity);
     status.watch(gauge);

@@ -43,7 +43,8 @@ pub fn load(path: &Path, sets: &[String]) -> Result<Scenario, Ending> {
     let read =
         |sets: &[String]| Scenario::load(path, sets).map_err(|error: ScenarioError| Ending::Usage(error.to_string()));
     let scenario = read(sets)?;
-    let allowed = scenario.agent.memory_gb.map(|gigabytes| (1e9 * gigabytes) as u64).or_else(agent::machine_memory);
+    let machine = || agent::machine_memory().map(|bytes| bytes / 5 * 4);
+    let allowed = scenario.agent.memory_gb.map(|gigabytes| (1e9 * gigabytes) as u64).or_else(machine);
     let (needed, Some(allowed)) = (Memory::of(&scenario).total(), allowed) else { return Ok(scenario) };
     if needed <= allowed {
         return Ok(scenario);
@@ -56,14 +57,17 @@ pub fn load(path: &Path, sets: &[String]) -> Result<Scenario, Ending> {
         allowed as f64 / 1e9
     );
     let Some(budget) = largest_budget(&scenario, allowed) else {
-        return Err(Ending::Usage(format!(
-            "{what}: no budget of at least {SMALLEST_BUDGET} fits; retain fewer frames"
-        )));
+        let (part, bytes) = Memory::with_budget(&scenario, SMALLEST_BUDGET).largest();
+        let of_it =
+            format!("the part \"{part}\" takes {:.3} GB of it with a budget of {SMALLEST_BUDGET}", bytes as f64 / 1e9);
+        return Err(Ending::Usage(format!("{what}: no budget fits; {of_it}")));
     };
-    if scenario.agent.over_memory == OverMemory::Refuse {
-        return Err(Ending::Usage(format!("{what}: the budget must be in [{SMALLEST_BUDGET}, {budget}]")));
-    }
     let features = scenario.slow.features.min(budget);
+    if scenario.agent.over_memory == OverMemory::Refuse {
+        let fewer =
+            if features < scenario.slow.features { format!(", with {features} features") } else { String::new() };
+        return Err(Ending::Usage(format!("{what}: the largest budget that fits is {budget}{fewer}")));
+    }
     eprintln!("warning: {what}: it is lowered to {budget}, with {features} features");
     let mut sets = sets.to_vec();
     sets.extend([format!("dictionary.budget={budget}"), format!("slow.features={features}")]);
@@ -75,14 +79,9 @@ const SMALLEST_BUDGET: usize = 10;
 
 /// The largest budget of a scenario that needs no more than `allowed` bytes.
 fn largest_budget(scenario: &Scenario, allowed: u64) -> Option<usize> {
-    let fits = |budget: usize| {
-        let mut smaller = scenario.clone();
-        smaller.dictionary.budget = budget;
-        smaller.slow.features = scenario.slow.features.min(budget);
-        Memory::of(&smaller).total() <= allowed
-    };
-    let budgets: Vec<usize> = (SMALLEST_BUDGET..=scenario.dictionary.budget).collect();
-    budgets.partition_point(|&budget| fits(budget)).checked_sub(1).map(|last| budgets[last])
+    // One by one: where the solver begins to iterate, more support vectors take less memory.
+    let fits = |budget: &usize| Memory::with_budget(scenario, *budget).total() <= allowed;
+    (SMALLEST_BUDGET..=scenario.dictionary.budget).rev().find(fits)
 }
 
 fn in_folder(scenario: &Arc<Scenario>, run: &Path, args: &RunArgs, stop: &AtomicBool) -> Result<Report, String> {

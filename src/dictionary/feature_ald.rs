@@ -128,7 +128,7 @@ impl<T: Scalar> Selection<T> for FeatureAld<T> {
         if let Some(thinning) = &thinning {
             let keep = thinning.keep();
             let of_members = Mat::from_fn(features.nrows(), keep.len(), |i, j| features[(i, keep[j])]);
-            *over_features = empty(keep.len(), par);
+            *over_features = empty(self.ald.budget(), par);
             over_features.grow(of_members.as_ref(), |_, residual| residual > nu)?;
         }
         Ok(thinning)
@@ -141,7 +141,7 @@ impl<T: Scalar> Selection<T> for FeatureAld<T> {
     fn adopt(&mut self, features: FeatureMap<T>) -> Result<(), DictionaryError> {
         let FeatureParameters { kernel, nu } = self.parameters;
         let dictionary = self.ald.dictionary();
-        let mut over_features = Dictionary::new(kernel, dictionary.len(), dictionary.par());
+        let mut over_features = Dictionary::new(kernel, self.ald.budget(), dictionary.par());
         if !dictionary.is_empty() {
             let of_members = features.of(dictionary.members())?;
             over_features.grow(of_members.as_ref(), |_, residual| residual > nu)?;

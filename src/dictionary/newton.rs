@@ -6,7 +6,7 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
 
 use super::DictionaryError;
-use crate::kernel::products::{for_columns, solve_lower};
+use crate::kernel::products::{for_columns, product, solve_lower};
 use crate::kernel::{self, Kernel, KernelError, Scalar, squared_norms};
 
 /// What a block of observations did.
@@ -33,6 +33,8 @@ pub struct Thinning {
     keep: Vec<usize>,
     from: usize,
     rotation: Mat<f64>,
+    /// Threads for products with the rotation.
+    par: Par,
 }
 
 impl Thinning {
@@ -78,7 +80,7 @@ impl Thinning {
         }
         let same = self.from.min(v.nrows());
         let tail = v.subrows(same, v.nrows() - same);
-        let turned = self.rotation.as_ref().subcols(0, tail.nrows()) * tail;
+        let turned = product(self.rotation.as_ref().subcols(0, tail.nrows()), tail, self.par);
         Ok(Mat::from_fn(self.after(), v.ncols(), |i, j| match i.checked_sub(self.from) {
             Some(row) => turned[(row, j)],
             None if i < same => v[(i, j)],
@@ -140,8 +142,6 @@ pub struct Dictionary<T: Scalar> {
     accepted: usize,
     /// Lower triangle holds `L`, `m × m`; what stands above the diagonal is zero.
     factor: Mat<f64>,
-    /// Support vectors for which there is storage.
-    capacity: usize,
     /// Storage is not reserved beyond this, unless it is needed.
     expected: usize,
 }
@@ -161,7 +161,6 @@ impl<T: Scalar> Dictionary<T> {
             serials: Vec::new(),
             accepted: 0,
             factor: Mat::new(),
-            capacity: 0,
             expected,
         }
     }
@@ -181,7 +180,8 @@ impl<T: Scalar> Dictionary<T> {
         self.kernel
     }
 
-    /// Threads for the matrix products (their bits do not depend on it).
+    /// Threads for the matrix products (their bits do not depend on it; those of the decomposition in [`Dictionary::keep`]
+    /// follow faer's global setting, see [`fix_parallelism`](crate::random::fix_parallelism)).
     pub fn par(&self) -> Par {
         self.par
     }
@@ -213,8 +213,8 @@ impl<T: Scalar> Dictionary<T> {
 
     /// Bytes of the matrices held.
     pub(crate) fn bytes(&self) -> usize {
-        let column = size_of::<T>() * self.members.col_stride().unsigned_abs();
-        (column + size_of::<f64>() * self.factor.col_stride().unsigned_abs()) * self.capacity
+        let room = self.room();
+        (size_of::<T>() * self.members.col_stride().unsigned_abs() + size_of::<f64>() * room) * room
     }
 
     /// Kernel rows `k(x)` of observations against all support vectors: `x: d × n` gives `m × n`.
@@ -339,15 +339,16 @@ impl<T: Scalar> Dictionary<T> {
         Ok(Block { coordinates, residuals, accepted, nearest: nearest.into_iter().map(|best| best.0).collect() })
     }
 
-    /// Kernel values of observations with themselves, by the same products as with others: those of equal observations then
-    /// are equal to the last bit.
+    /// Kernel values of observations with themselves, by products as with others (and never by a product of one row, which is
+    /// summed in another way): those of equal observations then are equal to the last bit, for a block of more than one.
     fn own_values(&self, x: MatRef<'_, T>, norms: &[f64]) -> Result<Vec<f64>, DictionaryError> {
         let b = x.ncols();
         let mut values = Vec::with_capacity(b);
         for first in (0..b).step_by(PANEL) {
-            let places = first..(first + PANEL).min(b);
+            let from = if first > 0 && first + 1 == b { first - 1 } else { first };
+            let places = from..(first + PANEL).min(b);
             let common = self.common(x, norms, places.clone(), places)?;
-            values.extend((0..common.nrows()).map(|i| common[(i, i)]));
+            values.extend((first - from..common.nrows()).map(|i| common[(i, i)]));
         }
         Ok(values)
     }
@@ -397,6 +398,7 @@ impl<T: Scalar> Dictionary<T> {
         // The transposed rows that stay, from their first column that changes: Q R, with R = L′ᵀ.
         let rows = Mat::from_fn(left, stay, |column, row| self.factor[(keep[from + row], from + column)]);
         let qr = rows.qr();
+        drop(rows);
         let (q, r) = (qr.compute_thin_Q(), qr.thin_R());
         let sign = |row: usize| if r[(row, row)] < 0.0 { -1.0 } else { 1.0 };
         let rotation = Mat::from_fn(stay, left, |row, column| sign(row) * q[(column, row)]);
@@ -409,8 +411,7 @@ impl<T: Scalar> Dictionary<T> {
         self.norms = keep.iter().map(|&place| self.norms[place]).collect();
         self.serials = keep.iter().map(|&place| self.serials[place]).collect();
         self.factor = factor;
-        self.capacity = keep.len();
-        Ok(Thinning { keep: keep.to_vec(), from, rotation })
+        Ok(Thinning { keep: keep.to_vec(), from, rotation, par: self.par })
     }
 
     /// Append accepted observations; their coordinates are the new rows of `L`.
@@ -439,11 +440,16 @@ impl<T: Scalar> Dictionary<T> {
 
     /// Have storage for `m` support vectors, so that appending does not copy everything each time.
     fn reserve(&mut self, d: usize, m: usize) {
-        if m > self.capacity {
-            self.capacity = capacity(m, self.expected);
-            self.members.reserve(d, self.capacity);
-            self.factor.reserve(self.capacity, self.capacity);
+        if m > self.room() {
+            let room = capacity(m, self.expected);
+            self.members.reserve(d, room);
+            self.factor.reserve(room, room);
         }
+    }
+
+    /// Support vectors for which there is storage.
+    fn room(&self) -> usize {
+        self.factor.col_stride().unsigned_abs()
     }
 
     fn rows_from(&self, first: usize, x: MatRef<'_, T>, norms: &[f64]) -> Result<Mat<f64>, DictionaryError> {

@@ -6,7 +6,7 @@ use pulp::{Arch, NullaryFnOnce};
 
 use super::error::KernelError;
 use super::function::{Form, Kernel, gaussian, laplacian, normalised_polynomial, polynomial, radial};
-use super::products::{join, whole_halves};
+use super::products::{join, near_half};
 
 /// The number type of observations: `f32` or `f64`.
 pub trait Scalar: faer::traits::ComplexField + Copy + Into<f64> + Send + Sync + 'static {
@@ -116,11 +116,11 @@ fn fill<T: Scalar>(kernel: &Kernel, s: Side<'_, T>, x: Side<'_, T>, values: MatM
         return Arch::new().dispatch(Tile { kernel, products: &products, left: s.norms, right: x.norms, values });
     }
     if m >= n {
-        let half = whole_halves(m, TILE);
+        let half = near_half(m);
         let ((above, below), (top, bottom)) = (values.split_at_row_mut(half), s.split(half));
         join(par, |par| fill(kernel, top, x, above, par), |par| fill(kernel, bottom, x, below, par));
     } else {
-        let half = whole_halves(n, TILE);
+        let half = near_half(n);
         let ((before, after), (first, last)) = (values.split_at_col_mut(half), x.split(half));
         join(par, |par| fill(kernel, s, first, before, par), |par| fill(kernel, s, last, after, par));
     }

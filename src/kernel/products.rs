@@ -6,7 +6,7 @@
 use faer::linalg::matmul::matmul;
 use faer::linalg::matmul::triangular::{BlockStructure, matmul as triangular_matmul};
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
-use faer::{Accum, MatMut, MatRef, Par};
+use faer::{Accum, Mat, MatMut, MatRef, Par};
 
 /// Run two parts of a piece of work, side by side if there are threads for it; each part is told how many it has.
 ///
@@ -30,9 +30,19 @@ pub(crate) fn for_columns(par: Par, columns: usize) -> Par {
     if columns > 1 { par } else { Par::Seq }
 }
 
-/// Where to cut `size` into two parts so that the first is a multiple of `unit`, and about half.
-pub(crate) fn whole_halves(size: usize, unit: usize) -> usize {
-    size.div_ceil(2 * unit) * unit
+/// `AB`, with the same bits for any number of threads.
+pub(crate) fn product(a: MatRef<'_, f64>, b: MatRef<'_, f64>, par: Par) -> Mat<f64> {
+    let mut c = Mat::zeros(a.nrows(), b.ncols());
+    // One row is as bad as one column.
+    let par = for_columns(par, a.nrows().min(b.ncols()));
+    matmul(c.as_mut(), Accum::Replace, a, b, 1.0, par);
+    c
+}
+
+/// Where to cut `size` > 32 into two parts of nearly the same size: parts of one row would be summed in another way than
+/// larger ones, and uneven parts would keep one thread waiting. The first is a multiple of what vector registers hold.
+pub(crate) fn near_half(size: usize) -> usize {
+    size.div_ceil(2).next_multiple_of(16)
 }
 
 /// Triangles of this size and below are left to faer.
@@ -50,7 +60,7 @@ pub(crate) fn add_square(c: MatMut<'_, f64>, a: MatRef<'_, f64>, par: Par) {
         let (whole, lower) = (BlockStructure::Rectangular, BlockStructure::TriangularLower);
         return triangular_matmul(c, lower, Accum::Add, a, whole, a.transpose(), whole, 1.0, Par::Seq);
     }
-    let half = whole_halves(m, TRIANGLE);
+    let half = near_half(m);
     let (first, _, between, second) = c.split_at_mut(half, half);
     let (above, below) = a.split_at_row(half);
     // The rectangle is about as much work as both triangles.
@@ -67,7 +77,7 @@ fn add_product(c: MatMut<'_, f64>, a: MatRef<'_, f64>, b: MatRef<'_, f64>, par: 
     if n <= RECTANGLE {
         return matmul(c, Accum::Add, a, b.transpose(), 1.0, Par::Seq);
     }
-    let half = whole_halves(n, RECTANGLE);
+    let half = near_half(n);
     let (left, right) = c.split_at_col_mut(half);
     let (above, below) = b.split_at_row(half);
     join(par, |par| add_product(left, a, above, par), |par| add_product(right, a, below, par));
@@ -99,14 +109,13 @@ fn solve_columns(l: MatRef<'_, f64>, x: MatMut<'_, f64>, par: Par) {
     if n <= COLUMNS {
         return solve_lower_triangular_in_place(l, x, Par::Seq);
     }
-    let (left, right) = x.split_at_col_mut(whole_halves(n, COLUMNS));
+    let (left, right) = x.split_at_col_mut(near_half(n));
     join(par, |par| solve_columns(l, left, par), |par| solve_columns(l, right, par));
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use faer::Mat;
 
     fn numbers(rows: usize, columns: usize) -> Mat<f64> {
         Mat::from_fn(rows, columns, |i, j| ((i * 37 + j * 101 + i * j) % 181) as f64 / 90.0 - 1.0)

@@ -768,7 +768,7 @@ impl Agent {
                 "memory_gb",
                 "GB",
                 Range::above(0.0, 1e6),
-                "most memory; auto: what the machine has",
+                "most memory; auto: four fifths of what the machine has",
             ),
             over_memory: s.choice(
                 "over_memory",

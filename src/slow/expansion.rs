@@ -2,9 +2,9 @@
 
 use faer::{Mat, MatRef};
 
+use super::error::SlowError;
 use super::linear::{LinearSfa, centre};
 use super::links::Link;
-use super::solve::SlowError;
 
 /// Largest number of monomials: SFA on them needs matrices of this size squared, 3.2 GB at 20 000.
 pub const MOST_MONOMIALS: usize = 20_000;

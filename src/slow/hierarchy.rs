@@ -2,9 +2,9 @@
 
 use faer::{Mat, MatRef};
 
+use super::error::SlowError;
 use super::expansion::{Expansion, Pipeline, Step};
 use super::links::Link;
-use super::solve::SlowError;
 
 /// The shape of an image: width, height and values per pixel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -2,11 +2,11 @@
 
 use faer::{Mat, MatRef, Par};
 
+use super::error::SlowError;
 use super::linear::LinearSfa;
 use super::links::Link;
 use super::model::SlowModel;
 use super::reveal::descending;
-use super::solve::SlowError;
 use crate::kernel::{Kernel, Scalar, squared_norms};
 
 /// How far a kernel matrix may be from symmetric and positive, as a share of its largest entry or eigenvalue. Products in

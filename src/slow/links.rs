@@ -1,6 +1,6 @@
 //! How the frames of a signal follow each other: regular sampling, time stamps, gaps, restarts.
 
-use super::solve::SlowError;
+use super::error::SlowError;
 
 /// The most links that are made at once: they take 24 GiB, and the frames themselves much more.
 const MOST_LINKS: usize = 1 << 30;

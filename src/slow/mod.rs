@@ -66,7 +66,9 @@
 //! ```
 //!
 //! # Numerics
-//! Sums and decompositions are in `f64`. Eigenvectors from faer differ in their last bits with the number of threads: who
+//! Sums and decompositions are in `f64`. [`solve()`] looks for few features of many coordinates by block Lanczos iteration and
+//! for others by a dense decomposition ([`Method`]). Products and triangular solves have the same bits for any number of
+//! threads; QR, LU, SVD and the smallest products follow faer's global setting, and differ in their last bits with it: who
 //! compares bits calls [`crate::random::fix_parallelism`] first.
 //!
 //! # Reference

@@ -6,7 +6,8 @@ use faer::linalg::matmul::matmul;
 use faer::linalg::triangular_solve::solve_upper_triangular_in_place;
 use faer::{Accum, Mat, MatRef, Par};
 
-use super::solve::{SlowError, SlowFeatures};
+use super::error::SlowError;
+use super::solve::SlowFeatures;
 use crate::dictionary::{Dictionary, FeatureMap};
 use crate::kernel::{Kernel, Scalar, squared_norms};
 

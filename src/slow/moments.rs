@@ -2,10 +2,10 @@
 
 use faer::{Col, ColMut, Mat, MatRef, Par, unzip, zip};
 
+use super::error::SlowError;
 use super::links::{Link, check_links};
-use super::solve::SlowError;
 use crate::dictionary::Thinning;
-use crate::kernel::products::add_square;
+use crate::kernel::products::{add_square, product};
 
 /// The most coordinates that are summed over: two matrices of this size squared take 64 GiB.
 pub const MOST_COORDINATES: usize = 1 << 16;
@@ -47,23 +47,13 @@ pub struct Moments {
     pub(super) links: f64,
     /// Lower triangle of `Σ g·v̇v̇ᵀ`, `m × m`.
     pub(super) derivative: Mat<f64>,
-    /// Coordinates for which there is storage.
-    capacity: usize,
     par: Par,
 }
 
 impl Moments {
     /// Sums over no frames and no coordinates.
     pub fn new(par: Par) -> Self {
-        Moments {
-            frames: 0.0,
-            sum: Mat::zeros(0, 1),
-            square: Mat::new(),
-            links: 0.0,
-            derivative: Mat::new(),
-            capacity: 0,
-            par,
-        }
+        Moments { frames: 0.0, sum: Mat::zeros(0, 1), square: Mat::new(), links: 0.0, derivative: Mat::new(), par }
     }
 
     /// Number of coordinates `m` in the sums.
@@ -158,11 +148,8 @@ impl Moments {
         if m > MOST_COORDINATES {
             return Err(SlowError::TooMany { what: "coordinates", asked: m, most: MOST_COORDINATES });
         }
-        if m > self.capacity {
-            self.capacity = m;
-            self.square.reserve(m, m);
-            self.derivative.reserve(m, m);
-        }
+        self.square.reserve(m, m);
+        self.derivative.reserve(m, m);
         Ok(())
     }
 
@@ -197,7 +184,7 @@ impl Moments {
 
     /// Bytes of all storage.
     pub(super) fn bytes(&self) -> usize {
-        let of = |matrix: &Mat<f64>| size_of::<f64>() * matrix.col_stride().unsigned_abs() * self.capacity;
+        let of = |matrix: &Mat<f64>| size_of::<f64>() * matrix.col_stride().unsigned_abs().pow(2);
         of(&self.square) + of(&self.derivative)
     }
 
@@ -231,12 +218,13 @@ impl Moments {
         let (from, before, after) = (thinning.from(), thinning.before(), thinning.after());
         SlowError::unless_fits("the number of coordinates in the sums", self.size(), before)?;
         self.sum = thinning.apply(self.sum.as_ref())?;
-        self.capacity = after;
         let rotation = thinning.rotation();
         for matrix in [&mut self.square, &mut self.derivative] {
-            let cross = rotation * matrix.submatrix(from, 0, before - from, from);
+            let cross = product(rotation, matrix.submatrix(from, 0, before - from, from), self.par);
             let corner = symmetric(before - from, |i, j| matrix[(from + i, from + j)]);
-            let turned = rotation * corner * rotation.transpose();
+            let half = product(rotation, corner.as_ref(), self.par);
+            drop(corner);
+            let turned = product(half.as_ref(), rotation.transpose(), self.par);
             *matrix = Mat::from_fn(after, after, |i, j| match (i.checked_sub(from), j.checked_sub(from)) {
                 _ if j > i => 0.0,
                 (Some(row), Some(column)) => turned[(row, column)],

@@ -6,12 +6,12 @@ use std::mem::size_of;
 use faer::linalg::matmul::matmul;
 use faer::{Accum, ColRef, Mat, MatRef, Par, unzip, zip};
 
+use super::error::SlowError;
 use super::links::Link;
 use super::moments::{Moments, NewRows};
-use super::solve::SlowError;
 use crate::dictionary::{Dictionary, Thinning, capacity};
 use crate::kernel::Scalar;
-use crate::kernel::products::add_square;
+use crate::kernel::products::{add_square, for_columns};
 
 /// How frames fade.
 #[derive(Debug, Clone, Copy)]
@@ -203,6 +203,7 @@ impl<T: Scalar> Retained<T> {
                     .for_each(|unzip!(to, this, next)| *to = of_this * *this - of_next * *next);
             }
             let earlier = chunk.coordinates().subrows(0, from);
+            let par = for_columns(par, from);
             matmul(rows.cross.as_mut(), Accum::Add, stacked.as_ref(), earlier.transpose(), 1.0, par);
         }
         rows

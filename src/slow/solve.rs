@@ -8,7 +8,7 @@ use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_uppe
 use faer::{Accum, Mat, MatRef, Par, Scale};
 
 use super::dense;
-pub(super) use super::error::SlowError;
+use super::error::SlowError;
 use super::lanczos::{self, Found};
 use super::moments::Moments;
 use super::reveal::{no_variance, revealed};
@@ -50,7 +50,7 @@ pub enum Solver {
     },
     /// By block Lanczos iteration.
     Lanczos {
-        /// Vectors that the operator was applied to, each as costly as four products of a matrix and a vector.
+        /// Vectors that the operator was applied to, each as costly as two products of a matrix and a vector.
         applied: usize,
         /// Largest relative residual `‖Mu − μu‖/μ` of the eigenvalues: an upper bound of their relative error.
         residual: f64,
@@ -67,7 +67,7 @@ pub enum Method {
     Dense,
     /// Block Lanczos iteration for the features that are asked for, with time of the order of m³/3 and then m² a feature.
     ///
-    /// Where it cannot do it, [`Method::Dense`] does: with more features than about an eighth of the coordinates, with λ = 0,
+    /// Where it cannot do it, [`Method::Dense`] does: with more features than about an eighth of the coordinates or fewer than 576 coordinates, with λ = 0,
     /// with features within the rounding of the moments, or without convergence.
     Lanczos {
         /// Largest relative residual `‖Mu − μu‖/μ`, in (0, 1). It bounds the relative error of every eigenvalue μ. The error
@@ -85,7 +85,7 @@ pub const TOLERANCE: f64 = 1e-6;
 pub struct SolveOptions {
     /// Which solver to use: by default the one that is faster.
     pub method: Method,
-    /// Threads for products, triangular solves and the Cholesky factor: by default one. The bits are the same for any number.
+    /// Threads for products, triangular solves and the Cholesky factor: by default one. The bits are the same for any number (see the numerics of [`slow`](super)).
     pub par: Par,
 }
 
@@ -255,16 +255,17 @@ pub fn solve_with(
 /// - Dense: `8 · 6m²`. With λ = 0, or no usable factor, `8 · 13m²`.
 ///
 /// What the iteration cannot find is looked for in the dense way ([`Method::Lanczos`]), with more memory.
-pub fn solve_bytes(m: usize, k: usize, method: Method) -> usize {
+pub fn solve_bytes(m: usize, k: usize, method: Method) -> u64 {
+    let wide = |size: usize| (size as u128).min(1 << 40);
     let values = match method.tolerance(m, k) {
-        None => 6 * m * m,
+        None => 6 * wide(m) * wide(m),
         Some(_) => {
             let block = lanczos::block(k);
-            let basis = lanczos::basis_limit(k, block);
+            let [m, k, basis, block] = [m, k, lanczos::basis_limit(k, block), block].map(wide);
             m * m + m * (basis + 2 * k + 8 * block) + 5 * basis * basis
         }
     };
-    values * size_of::<f64>()
+    u64::try_from(values * size_of::<f64>() as u128).unwrap_or(u64::MAX)
 }
 
 /// The matrices of the problem as products with them: they are not built.

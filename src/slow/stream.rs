@@ -2,10 +2,10 @@
 
 use faer::{Mat, MatRef};
 
+use super::error::SlowError;
 use super::links::{Link, check_links};
 use super::moments::{MOST_COORDINATES, Moments};
 use super::retained::{Fading, Frames, Retained};
-use super::solve::SlowError;
 use crate::dictionary::{Block, Dictionary, DictionaryError, FeatureMap, Selection, capacity};
 use crate::kernel::{Scalar, is_usable_norm, squared_norms};
 
@@ -15,7 +15,8 @@ pub struct Options {
     /// Frames whose coordinates are kept for filling in: at most this many, or one chunk if that is more. They leave by
     /// whole chunks, the oldest first, so up to a chunk fewer may be kept.
     pub retained: usize,
-    /// Frames that are gathered into a chunk, which goes into the moments as one product. Small ones are slow.
+    /// Frames that are gathered into a chunk, which goes into the moments as one product, in [1, [`MOST_CHUNK`]]. Small ones
+    /// are slow; the storage of a chunk is taken when it begins.
     pub chunk: usize,
     /// Frames fade with this time constant, in frames, > 0; `None`: they never do. All frames of a block fade alike: after
     /// a block of `b` frames all earlier ones weigh `exp(−b/memory_frames)` times what they did.
@@ -23,6 +24,9 @@ pub struct Options {
     /// New support vectors are settled at the latest when this many have gathered.
     pub settle_at: usize,
 }
+
+/// The most frames of a chunk.
+pub const MOST_CHUNK: usize = 1 << 16;
 
 impl Default for Options {
     fn default() -> Self {
@@ -99,7 +103,7 @@ impl<T: Scalar> SlowStream<T> {
     ///
     /// # Errors
     /// A selection that does not stream, or one that has begun already: its frames are not known here. A memory that is
-    /// not positive.
+    /// not positive; a chunk of no frames or of more than [`MOST_CHUNK`].
     pub fn new(selection: impl Selection<T> + 'static, options: Options) -> Result<Self, SlowError> {
         Self::from_boxed(Box::new(selection), options)
     }
@@ -118,9 +122,14 @@ impl<T: Scalar> SlowStream<T> {
         {
             return Err(SlowError::Memory(memory));
         }
+        match options.chunk {
+            0 => return Err(SlowError::Empty("a chunk of frames is")),
+            1..=MOST_CHUNK => {}
+            asked => return Err(SlowError::TooMany { what: "frames of a chunk", asked, most: MOST_CHUNK }),
+        }
         Ok(SlowStream {
             moments: Moments::new(selection.dictionary().par()),
-            retained: Retained::new(options.chunk.max(1), selection.budget()),
+            retained: Retained::new(options.chunk, selection.budget()),
             selection,
             frames: 0,
             faded: 0,
@@ -169,14 +178,18 @@ impl<T: Scalar> SlowStream<T> {
     ///
     /// `24m² + sdm + r(8m + sd + 40)`
     ///
-    /// for dictionary, moments and frames, and for work of the moment `16m(b + c + a)`, where `a` support vectors are
-    /// settled at a time (`settle_at` and `b`). Where members leave at the budget, `m` is the budget and a block more.
+    /// for dictionary, moments and frames, and for work of the moment `2m² + 16m(b + c + a) + 32ac`, where `a` support
+    /// vectors are settled at a time (`settle_at` and `b`). Where members leave at the budget, `m` is the budget and a block
+    /// more, and while they leave about `48m²` are taken beside this.
     pub fn bytes(options: &Options, m: usize, d: usize, block: usize) -> u64 {
-        let [m, d, b, c, s] = [m, d, block, options.chunk.max(1), size_of::<T>()].map(|size| size as u64);
-        let retained = (options.retained as u64).max(c).saturating_add(b).div_ceil(c).saturating_mul(c);
-        let at_once = m.min((options.settle_at as u64).saturating_add(b));
-        let held = 24 * m * m + s * d * m + 16 * m;
-        held.saturating_add(retained.saturating_mul(8 * m + s * d + 40)).saturating_add(16 * m * (b + c + at_once))
+        // Sizes of any kind can be asked about.
+        let size = |size: usize| (size as u128).min(1 << 40);
+        let [m, d, b, c, s] = [m, d, block, options.chunk.max(1), size_of::<T>()].map(size);
+        let retained = (size(options.retained).max(c) + b).div_ceil(c) * c;
+        let a = m.min(size(options.settle_at) + b);
+        let held = 24 * m * m + s * d * m + 16 * m + retained * (8 * m + s * d + 40);
+        let work = 2 * m * m + 16 * m * (b + c + a) + 32 * a * c;
+        u64::try_from(held + work).unwrap_or(u64::MAX)
     }
 
     /// Bytes of the matrices that are held at this moment.

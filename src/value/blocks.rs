@@ -6,6 +6,7 @@ use faer::{Accum, Mat, MatRef, Par, Scale};
 use super::ValueError;
 use super::error::{finite_list, finite_matrix, sample_weights, size};
 use super::lstd::solve_or_pseudo_inverse;
+use crate::kernel::products::for_columns;
 
 /// States and the actions taken in them: column `i` of `phi` is what was seen before action `actions[i]`.
 ///
@@ -133,7 +134,7 @@ impl Blocks {
                     .for_each(|faer::unzip!(heavy, phi)| *heavy = phi * weight);
             }
             let mut g = Mat::zeros(f, f);
-            matmul(g.as_mut(), Accum::Replace, heavy.as_ref(), plain.transpose(), 1.0, par);
+            matmul(g.as_mut(), Accum::Replace, heavy.as_ref(), plain.transpose(), 1.0, for_columns(par, f));
             weighted.push(heavy);
             gram.push(g);
         }
@@ -176,8 +177,8 @@ impl Blocks {
         let mut right = Mat::zeros(f * self.actions, 1);
         for (a, members) in self.members.iter().enumerate() {
             let of_action = Mat::from_fn(members.len(), 1, |i, _| rewards[members[i]]);
-            let part = &self.weighted[a] * of_action;
-            right.as_mut().subrows_mut(a * f, f).copy_from(&part);
+            let part = right.as_mut().subrows_mut(a * f, f);
+            matmul(part, Accum::Replace, self.weighted[a].as_ref(), of_action.as_ref(), 1.0, for_columns(self.par, 1));
         }
         right
     }

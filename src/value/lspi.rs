@@ -77,7 +77,7 @@ impl Options {
         parameter("closeness", kappa, kappa > 0.0 && kappa.is_finite(), "> 0 and finite")
     }
 
-    /// Whether a step changes nothing but the greedy actions, so that equal actions mean equal weights.
+    /// Whether a step changes nothing but the greedy actions, so that equal actions mean equal weights, but for rounding.
     fn is_plain(&self) -> bool {
         self.mixing == 1.0 && !self.soft && self.closeness.is_none()
     }
@@ -128,8 +128,9 @@ impl Fit {
 ///
 /// The first evaluation is of the policy that takes all actions alike (thesis §5.3.2: this doubled the range in which
 /// the iteration converges). Later ones move it towards the greedy policy, `π ← (1 − β)π + β·greedy`: with β = 1 this is
-/// plain LSPI, which can run in circles; such a circle is found and reported. `M` is linear in π, so a step costs one
-/// product per transition, `M ← (1 − β)M + β·M(greedy)`, whatever the mixture.
+/// plain LSPI, which can run in circles; such a circle is found and reported. `M` is linear in π, so a step costs at most
+/// one product per transition, `M ← (1 − β)M + β·M(greedy)`, whatever the mixture; from the second improvement on only the
+/// transitions whose greedy action changed cost one.
 ///
 /// Two ideas of the thesis's outlook are options, off by default: soft actions ([`Options::soft`], see
 /// [`maximiser_probabilities`](super::maximiser_probabilities)) and the policy-dependent norm ([`Options::closeness`],
@@ -140,7 +141,6 @@ pub struct Lspi<'a> {
     data: Samples<'a>,
     actions: usize,
     blocks: Blocks,
-    par: Par,
 }
 
 impl<'a> Lspi<'a> {
@@ -151,7 +151,7 @@ impl<'a> Lspi<'a> {
     /// that are not finite, more features and actions than a system of equations has room for.
     pub fn new(data: Samples<'a>, actions: usize, par: Par) -> Result<Self, ValueError> {
         let blocks = Blocks::new(data, actions, par)?;
-        Ok(Lspi { data, actions, blocks, par })
+        Ok(Lspi { data, actions, blocks })
     }
 
     /// LSQ: the Q-weights of a fixed policy, `f × A`.
@@ -314,7 +314,8 @@ impl<'p> System<'p> {
         policy = Mat::from_fn(q.nrows(), q.ncols(), |b, i| (1.0 - beta) * policy[(b, i)] + beta * better[(b, i)]);
         if let Some(kappa) = self.options.closeness {
             let weights = closeness_weights(before.as_ref(), data.weights, kappa)?;
-            let blocks = Blocks::new(Samples { weights: &weights, ..data }, self.problem.actions, self.problem.par)?;
+            let blocks =
+                Blocks::new(Samples { weights: &weights, ..data }, self.problem.actions, self.problem.blocks.par())?;
             self.right = blocks.right_hand_side(self.outcomes.rewards);
             self.reweighted = Some(blocks);
         }

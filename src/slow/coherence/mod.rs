@@ -23,9 +23,9 @@ pub mod incremental;
 use faer::{Mat, MatRef, Par};
 use thiserror::Error;
 
+use super::error::SlowError;
 use super::links::{Link, check_links};
 use super::moments::Moments;
-use super::solve::SlowError;
 
 /// Why there are no coherent features.
 #[derive(Debug, Error, Clone, PartialEq)]
