@@ -4,9 +4,10 @@ mod common;
 
 use adagio::dictionary::{Ald, Dictionary, DictionaryError, Selection};
 use adagio::kernel::Kernel;
-use common::{ald, condition, parameters, random_path, relative_difference};
+use common::{ald, condition, generator, parameters, random_path, relative_difference};
 use faer::{Mat, Par, Side};
 use proptest::prelude::*;
+use rand::RngExt;
 
 /// The dictionary of kafbox's Lorenz series at ν = 1e-4, σ = 32, embedding 6, computed with an exact Cholesky residual.
 const LORENZ: [usize; 32] = [
@@ -164,5 +165,22 @@ proptest! {
         let tolerance = 1e-9f64.max(f64::EPSILON * condition(&dictionary));
         let difference = relative_difference(blocks.1.as_ref(), single.1.as_ref());
         prop_assert!(difference < tolerance, "{difference} beyond {tolerance}");
+    }
+}
+
+/// Values far from zero, where kernel values depend on the order of summation: an observation that is there already stands
+/// in a part of its own, behind 32 others of its block or 512 support vectors.
+#[test]
+fn an_observation_that_is_known_is_never_taken_again() {
+    let mut generator = generator(5);
+    let values = Mat::from_fn(8, 600, |_, _| 1000.0 + generator.random_range(-2.0..2.0));
+    let x = |n: usize, again: usize| Mat::from_fn(8, n + 1, |i, t| values[(i, if t < n { t } else { again })]);
+    for n in [32, 64, 512, 513] {
+        let (mut in_one, mut later) = (ald(1.0, 1e-12, 2000), ald(1.0, 1e-12, 2000));
+        let block = in_one.observe(x(n, 3).as_ref()).unwrap();
+        assert_eq!(block.accepted.last(), Some(&(n - 1)), "{n}");
+        later.observe(x(n, 3).as_ref().subcols(0, n)).unwrap();
+        let again = Mat::from_fn(8, 5, |i, t| values[(i, [n - 1, 0, 3, 31, n - 1][t])]);
+        assert!(later.observe(again.as_ref()).unwrap().accepted.is_empty(), "{n}");
     }
 }

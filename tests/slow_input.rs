@@ -12,8 +12,8 @@ use adagio::slow::coherence::gradient::{AscentOptions, Coherence, OnlineCoherenc
 use adagio::slow::coherence::incremental::{IncrementalSlow, Options as IncrementalOptions};
 use adagio::slow::ica::{IcaError, IndependentComponents};
 use adagio::slow::{
-    KernelSfa, Layer, LinearSfa, LinearStream, Link, MOST_COORDINATES, Moments, Network, Pca, Shape, SlowError,
-    SlowFeatures, SlowModel, SlowStream, Solver, Stage, Step, StreamOptions, solve,
+    KernelSfa, Layer, LinearSfa, LinearStream, Link, MOST_COORDINATES, Method, Moments, Network, Pca, Shape, SlowError,
+    SlowFeatures, SlowModel, SlowStream, Solver, Stage, Step, StreamOptions, solve, solve_bytes,
 };
 use common::{ald, generator, parameters, random_links, random_path};
 use faer::{Mat, MatRef, Par};
@@ -263,6 +263,18 @@ fn a_stream_refuses_a_memory_that_is_none() {
         assert_eq!(refused.to_string(), SlowError::Memory(memory).to_string());
     }
     assert_eq!(Moments::new(Par::Seq).fade(1.5).unwrap_err(), SlowError::Fade(1.5));
+}
+
+#[test]
+fn a_stream_refuses_chunks_of_no_frames_or_beyond_all_memory() {
+    let with = |chunk| StreamOptions { chunk, ..StreamOptions::default() };
+    let refused = SlowStream::new(ald(0.5, 0.1, 10), with(0)).unwrap_err();
+    assert_eq!(refused, SlowError::Empty("a chunk of frames is"));
+    let refused = SlowStream::new(ald(0.5, 0.1, 10), with(usize::MAX)).unwrap_err();
+    assert!(matches!(refused, SlowError::TooMany { asked: usize::MAX, .. }));
+    let most = usize::MAX;
+    assert_eq!(SlowStream::<f64>::bytes(&with(most), most, most, most), u64::MAX);
+    assert_eq!(solve_bytes(most, most, Method::Dense), u64::MAX);
 }
 
 /// With nothing accepted, the dictionary cannot tell that frames of another length do not belong to the stream.

@@ -103,4 +103,4 @@ pub use links::Link;
 pub use model::SlowModel;
 pub use moments::{MOST_COORDINATES, Moments};
 pub use solve::{Method, SlowFeatures, SolveOptions, Solver, TOLERANCE, solve, solve_bytes, solve_with};
-pub use stream::{Options as StreamOptions, Screened, SlowStream};
+pub use stream::{MOST_CHUNK, Options as StreamOptions, Screened, SlowStream};
