@@ -1,8 +1,11 @@
 //! Growth and moments together: what a stream does with its frames.
+//!
+//! With a full dictionary a sample is a whole chunk of frames, 512, or one block if that is more: frames go into the moments
+//! by chunks, so that each sample has its share of them.
 
 mod common;
 
-use common::data::{BLOCK, D, frames};
+use common::data::{BLOCK, D, blocks, frames};
 use common::{Size, allowed, operations, standard};
 
 use divan::Bencher;
@@ -23,7 +26,7 @@ fn from_nothing(bencher: Bencher, size: Size) {
     });
 }
 
-/// One block more, once the dictionary is full.
+/// One chunk more, in blocks, once the dictionary is full.
 #[divan::bench(args = standard(), sample_size = 1, sample_count = 20, max_time = 3)]
 fn full(bencher: Bencher, size: Size) {
     steady(bencher, size);
@@ -49,9 +52,13 @@ fn full_of_n(bencher: Bencher, size: Size) {
 
 fn steady(bencher: Bencher, size: Size) {
     let n = size.n.unwrap_or(BLOCK);
-    let x = frames(size.d.unwrap_or(D), size.m + n);
-    let mut stream = operations::empty_stream(&x, size.m, 4 * BLOCK, size.par());
-    operations::push(&mut stream, &x, 0..size.m);
-    let block = x.as_ref().subcols(size.m, n);
-    bencher.counter(ItemsCount::new(n)).bench_local(|| operations::push_block(&mut stream, block));
+    let count = operations::chunk().max(n);
+    assert_eq!((count % operations::chunk(), count % n), (0, 0), "a sample is whole chunks and whole blocks");
+    let x = frames(size.d.unwrap_or(D), size.m + count);
+    let mut stream = operations::full_stream(&x, size.m, 2 * count, size.par());
+    bencher.counter(ItemsCount::new(count)).bench_local(|| {
+        for block in blocks(&x, size.m..size.m + count, n) {
+            operations::push_block(&mut stream, block);
+        }
+    });
 }

@@ -4,10 +4,12 @@
 //! out are whole numbers as [`adagio::vision`] gives them. The noise keeps kernel matrices well conditioned, so every frame
 //! can be a support vector: that reaches a wanted `m` after `m` frames, and costs what any other way to the same `m` costs.
 
+use std::ops::Range;
+
 use adagio::kernel::median_distance;
 use adagio::random;
 use faer::linalg::matmul::matmul;
-use faer::{Accum, Mat, Par};
+use faer::{Accum, Mat, MatRef, Par};
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 
@@ -49,6 +51,12 @@ pub fn frames(d: usize, n: usize) -> Mat<f32> {
         }
     }
     image
+}
+
+/// The given columns in blocks of `size`.
+pub fn blocks(x: &Mat<f32>, range: Range<usize>, size: usize) -> impl Iterator<Item = MatRef<'_, f32>> {
+    let end = range.end;
+    range.step_by(size).map(move |start| x.as_ref().subcols(start, size.min(end - start)))
 }
 
 /// Positions (m) and heading (rad) of a robot that drives and turns smoothly in a room of 3 m × 1.8 m.

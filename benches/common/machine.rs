@@ -28,7 +28,7 @@ impl Rates {
     }
 }
 
-/// Operations (a multiplication or an addition is one) that cannot be avoided, by the precision they run in.
+/// Operations (a multiplication or an addition is one) that count, by the precision they run in.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Useful {
     pub single: f64,
@@ -37,7 +37,8 @@ pub struct Useful {
 
 impl Useful {
     /// Growth and moments of `n` frames of `d` values over `m` support vectors: kernel rows `2dmn` in `f32`; the triangular
-    /// solve `m²n` and two symmetric updates of `m²n` each in `f64`.
+    /// solve `m²n` and two symmetric updates of `m²n` each in `f64`. This is the dense form: what is known beforehand about
+    /// frames that are support vectors themselves is not made use of.
     pub fn growth_and_moments(d: usize, m: usize, n: usize) -> Self {
         let (d, m, n) = (d as f64, m as f64, n as f64);
         Useful { single: 2.0 * d * m * n, double: 3.0 * m * m * n }

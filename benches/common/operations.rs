@@ -12,7 +12,7 @@ use adagio::value::{Fit, Lspi, LspiOptions, Outcomes, Samples};
 use faer::{Mat, MatRef, Par};
 use rand_distr::{Distribution, StandardNormal};
 
-use super::data::{BLOCK, width};
+use super::data::{BLOCK, blocks, width};
 
 /// Regulariser λ, in the units of the slowness.
 pub const LAMBDA: f64 = 1e-7;
@@ -36,7 +36,7 @@ pub fn kernel(x: &Mat<f32>) -> Kernel {
 /// A dictionary of the first `m` frames.
 pub fn dictionary(x: &Mat<f32>, m: usize, par: Par) -> Dictionary<f32> {
     let mut dictionary = Dictionary::new(kernel(x), m, par);
-    for block in blocks(x, 0..m) {
+    for block in blocks(x, 0..m, BLOCK) {
         dictionary.grow(block, |_, _| true).expect("finite frames");
     }
     assert_eq!(dictionary.len(), m, "frames that are combinations of others cannot become support vectors");
@@ -50,9 +50,30 @@ pub fn empty_stream(x: &Mat<f32>, m: usize, retained: usize, par: Par) -> SlowSt
     SlowStream::new(selection, StreamOptions { retained, ..StreamOptions::default() }).expect("valid options")
 }
 
+/// Frames that go into the moments of these streams as one product.
+pub fn chunk() -> usize {
+    StreamOptions::default().chunk
+}
+
+/// Such a stream with its first `m` frames, and one chunk more: whichever `m` is, all work that is left over from growing is
+/// done, and each further chunk of frames costs the same. The frames are those behind the first `m`, of which there have to
+/// be so many.
+pub fn full_stream(x: &Mat<f32>, m: usize, retained: usize, par: Par) -> SlowStream<f32> {
+    let mut stream = empty_stream(x, m, retained, par);
+    push(&mut stream, x, 0..m);
+    finish_growing(&mut stream, x, m);
+    stream
+}
+
+/// Settle, and take one chunk of the frames behind the first `m`.
+pub fn finish_growing(stream: &mut SlowStream<f32>, x: &Mat<f32>, m: usize) {
+    stream.settle().expect("frames that were accepted");
+    push(stream, x, m..m + chunk());
+}
+
 /// Growth and moments of some of the frames.
 pub fn push(stream: &mut SlowStream<f32>, x: &Mat<f32>, range: std::ops::Range<usize>) {
-    for block in blocks(x, range) {
+    for block in blocks(x, range, BLOCK) {
         push_block(stream, block);
     }
 }
@@ -67,7 +88,7 @@ pub fn moments(dictionary: &Dictionary<f32>, x: &Mat<f32>, par: Par) -> Moments 
     let mut moments = Moments::new(par);
     moments.widen(dictionary.len()).expect("not too many coordinates");
     let mut before: Option<Mat<f64>> = None;
-    for block in blocks(x, 0..x.ncols()) {
+    for block in blocks(x, 0..x.ncols(), BLOCK) {
         let v = dictionary.coordinates(block).expect("finite frames");
         let mut links = links(v.ncols());
         if before.is_none() {
@@ -190,10 +211,4 @@ pub fn run(scenario: &Arc<adagio::scenario::Scenario>) -> u64 {
     let (stop, status) = (AtomicBool::new(false), Status::default());
     let options = RunOptions { stop: &stop, status: &status, checkpoint: None, evaluator: None };
     adagio::agent::run(scenario, &mut source, log, &options).expect("a run").frames
-}
-
-/// The given columns in blocks as a stream has them.
-fn blocks(x: &Mat<f32>, range: std::ops::Range<usize>) -> impl Iterator<Item = MatRef<'_, f32>> {
-    let end = range.end;
-    range.step_by(BLOCK).map(move |start| x.as_ref().subcols(start, BLOCK.min(end - start)))
 }
