@@ -86,7 +86,7 @@ fn measure(frames: &Frames, setting: &Setting) {
 
     let begin = Instant::now();
     let moments = stream.settled_moments().expect("settled before");
-    let solved = operations::resolve(moments, features, None);
+    let solved = operations::resolve(moments, features, None, par);
     let model = SlowModel::new(stream.dictionary(), &solved).expect("features over this dictionary");
     let solving = begin.elapsed().as_secs_f64();
 

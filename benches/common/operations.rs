@@ -105,15 +105,15 @@ pub fn add_series(moments: &mut Moments, v: MatRef<'_, f64>, links: &[Option<Lin
     moments.add_series(v, links, before).expect("blocks that fit");
 }
 
-/// Slow features as the running agent solves them, on all cores.
-pub fn resolve(moments: &Moments, k: usize, previous: Option<&SlowFeatures>) -> SlowFeatures {
-    let options = SolveOptions { method: Method::Automatic, par: Par::rayon(0) };
+/// Slow features by the solver of the running agent, whose `agent.threads` are `par`.
+pub fn resolve(moments: &Moments, k: usize, previous: Option<&SlowFeatures>, par: Par) -> SlowFeatures {
+    let options = SolveOptions { method: Method::Automatic, par };
     solve_with(moments, k, LAMBDA, previous, &options).expect("moments of enough frames")
 }
 
 /// Slow features by the dense reference solver.
-pub fn resolve_dense(moments: &Moments, k: usize) -> SlowFeatures {
-    let options = SolveOptions { method: Method::Dense, par: Par::rayon(0) };
+pub fn resolve_dense(moments: &Moments, k: usize, par: Par) -> SlowFeatures {
+    let options = SolveOptions { method: Method::Dense, par };
     solve_with(moments, k, LAMBDA, None, &options).expect("moments of enough frames")
 }
 

@@ -16,7 +16,7 @@ use common::data::{BLOCK, D, frames};
 use common::operations;
 
 use adagio::dictionary::Dictionary;
-use adagio::slow::{Link, Moments, SlowFeatures, SlowStream, solve};
+use adagio::slow::{Link, Method, Moments, SlowFeatures, SlowStream, SolveOptions, solve_with};
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::{Mat, Par};
 use serde_json::{Value, json};
@@ -61,7 +61,7 @@ impl Peer {
             Some("dictionary") => self.dictionary(number("m")?, par),
             Some("coordinates") => self.coordinates(number("n")?),
             Some("moments") => self.moments(number("m")?, number("n")?, par),
-            Some("solve") => self.solve(number("k")?),
+            Some("solve") => self.solve(number("k")?, par),
             Some("rows") => self.rows(number("m")?, number("n")?, par),
             Some("sfa") => self.sfa(number("k")?, request["lambda"].as_f64().unwrap_or(0.0), par),
             other => Err(format!("unknown request {other:?}").into()),
@@ -90,8 +90,7 @@ impl Peer {
 
     /// A stream whose first `m` frames are its support vectors, and which takes no more.
     fn stream(&mut self, m: usize, par: Par) -> Answer {
-        let mut stream = operations::empty_stream(&self.x, m, 4 * BLOCK, par);
-        let ((), seconds) = timed(|| operations::push(&mut stream, &self.x, 0..m));
+        let (stream, seconds) = timed(|| operations::full_stream(&self.x, m, 4 * BLOCK, par));
         self.stream = Some(stream);
         Ok(json!({"seconds": seconds}))
     }
@@ -132,9 +131,9 @@ impl Peer {
         Ok(json!({}))
     }
 
-    fn solve(&self, k: usize) -> Answer {
+    fn solve(&self, k: usize, par: Par) -> Answer {
         let moments = self.moments.as_ref().ok_or("solve before moments")?;
-        let (features, seconds) = timed(|| operations::resolve(moments, k, None));
+        let (features, seconds) = timed(|| operations::resolve(moments, k, None, par));
         Ok(json!({"seconds": seconds, "objectives": objectives(&features)}))
     }
 
@@ -156,7 +155,8 @@ impl Peer {
             let mut moments = Moments::new(par);
             moments.widen(v.nrows())?;
             moments.add_series(v.as_ref(), &Link::regular(v.ncols(), 1.0)?, None)?;
-            Ok(solve(&moments, k, lambda, None)?)
+            let options = SolveOptions { method: Method::Automatic, par };
+            Ok(solve_with(&moments, k, lambda, None, &options)?)
         });
         Ok(json!({"seconds": seconds, "slowness": features?.slowness}))
     }
