@@ -1,10 +1,11 @@
-//! Policy iteration over the window of transitions, and what a new model costs before it.
+//! Policy iteration over the window of transitions, and all that a new model costs.
 
 mod common;
 
 use common::data::{D, frames};
 use common::operations::Transitions;
-use common::{Size, allowed, operations, standard};
+use common::relearning::Relearning;
+use common::{Size, allowed, cores, max_m, operations, standard};
 
 use divan::Bencher;
 use divan::counter::ItemsCount;
@@ -39,4 +40,44 @@ fn project(bencher: Bencher, size: Size) {
     let model = operations::random_model(&x, size.m, size.k.unwrap_or(128));
     let window = x.as_ref().subcols(0, n);
     bencher.counter(ItemsCount::new(n)).bench_local(|| operations::features(&model, window, size.par()));
+}
+
+/// The agent's new model, all cores: a window of 20 000 transitions, two tasks.
+fn new_model() -> Vec<Size> {
+    let size = |m: usize, k: usize| Size::of(m).n(20_000).k(k).threads(cores());
+    if max_m() < 2000 { vec![Size { n: Some(2000), ..size(500, 50) }] } else { vec![size(2000, 200)] }
+}
+
+fn relearning(size: Size) -> Relearning {
+    Relearning::new(size.m, size.n.unwrap_or(20_000), size.k.unwrap_or(200))
+}
+
+/// From moments to policies: re-solve, project the window, policy iteration for both tasks.
+#[divan::bench(args = new_model(), sample_size = 1, sample_count = 5, max_time = 60)]
+fn new_model_whole(bencher: Bencher, size: Size) {
+    let relearning = relearning(size);
+    bencher.bench_local(|| relearning.whole());
+}
+
+/// Its first part: the solver, aligned with an earlier solution.
+#[divan::bench(args = new_model(), sample_size = 1, sample_count = 5, max_time = 60)]
+fn new_model_solve(bencher: Bencher, size: Size) {
+    let relearning = relearning(size);
+    bencher.bench_local(|| relearning.solve());
+}
+
+/// Its second part: the window's features.
+#[divan::bench(args = new_model(), sample_size = 1, sample_count = 5, max_time = 60)]
+fn new_model_project(bencher: Bencher, size: Size) {
+    let relearning = relearning(size);
+    let model = relearning.solve();
+    bencher.bench_local(|| relearning.project(&model));
+}
+
+/// Its third part: policy iteration for both tasks at once.
+#[divan::bench(args = new_model(), sample_size = 1, sample_count = 5, max_time = 60)]
+fn new_model_fit(bencher: Bencher, size: Size) {
+    let relearning = relearning(size);
+    let projected = relearning.project(&relearning.solve());
+    bencher.bench_local(|| relearning.fit(&projected));
 }

@@ -4,6 +4,7 @@
 pub mod data;
 pub mod machine;
 pub mod operations;
+pub mod relearning;
 pub mod simulation;
 
 use std::fmt;

@@ -146,6 +146,15 @@ pub struct Transitions {
 /// Number of actions.
 pub const ACTIONS: usize = 3;
 
+/// The action between two poses of a walk: the sign of the turn, or straight on, tells it.
+pub fn turn(poses: &[[f64; 3]], t: usize) -> usize {
+    match poses[t + 1][2] - poses[t][2] {
+        turn if turn > 0.05 => 1,
+        turn if turn < -0.05 => 2,
+        _ => 0,
+    }
+}
+
 impl Transitions {
     /// `n` transitions of a walk, with `k` waves of the pose and the constant as features.
     pub fn of_walk(n: usize, k: usize) -> Self {
@@ -159,22 +168,16 @@ impl Transitions {
             }
         };
         let in_goal = |[x, y, _]: [f64; 3]| (x - 1.5).hypot(y - 0.9) < 0.2;
-        // The sign of the turn, or straight on, tells the action.
-        let action = |t: usize| match poses[t + 1][2] - poses[t][2] {
-            turn if turn > 0.05 => 1,
-            turn if turn < -0.05 => 2,
-            _ => 0,
-        };
         Transitions {
             phi: Mat::from_fn(k + 1, n, |i, t| feature(i, poses[t])),
             next: Mat::from_fn(k + 1, n, |i, t| feature(i, poses[t + 1])),
-            actions: (0..n).map(action).collect(),
+            actions: (0..n).map(|t| turn(&poses, t)).collect(),
             rewards: (0..n).map(|t| if in_goal(poses[t + 1]) { 1.0 } else { 0.0 }).collect(),
             weights: vec![1.0; n],
         }
     }
 
-    /// A refit as the running agent does it, for one task.
+    /// Policy iteration for one task, with the first products of its samples.
     pub fn refit(&self, par: Par) -> Fit {
         let samples = Samples { phi: self.phi.as_ref(), actions: &self.actions, weights: &self.weights };
         let problem = Lspi::new(samples, ACTIONS, par).expect("valid samples");
