@@ -7,7 +7,7 @@ mod common;
 use std::time::Instant;
 
 use common::data::{D, frames};
-use common::{Size, allowed, operations, simulation, standard};
+use common::{Size, allowed, max_m, operations, simulation, standard};
 
 use adagio::policy::{Learned, Recent, Reflexes};
 use adagio::scenario::Vision;
@@ -17,7 +17,7 @@ use divan::Bencher;
 
 fn main() {
     common::main();
-    if !std::env::args().any(|argument| argument == "--list" || argument == "--test") {
+    if common::wants_figures() {
         percentiles();
     }
 }
@@ -28,20 +28,25 @@ const K: usize = 128;
 /// Against the number of support vectors.
 #[divan::bench(args = standard().into_iter().map(|size| size.k(K)), max_time = 2)]
 fn decide_of_m(bencher: Bencher, size: Size) {
-    let robot = Robot::new(size);
-    bencher.bench_local(|| robot.decide());
+    decide(bencher, size);
 }
 
 /// Against the number of features.
 #[divan::bench(args = allowed([32, 128, 500].map(|k| Size::of(2000).k(k))), max_time = 2)]
 fn decide_of_k(bencher: Bencher, size: Size) {
+    decide(bencher, size);
+}
+
+fn decide(bencher: Bencher, size: Size) {
     let robot = Robot::new(size);
-    bencher.bench_local(|| robot.decide());
+    let mut images = robot.images.iter().cycle();
+    bencher.bench_local(|| robot.decide(images.next().expect("a cycle has no end")));
 }
 
 /// What stands between camera and wheels.
 struct Robot {
-    image: Image,
+    /// Images from poses all over the room.
+    images: Vec<Image>,
     vision: Vision,
     learned: Learned,
     reflexes: Reflexes,
@@ -52,36 +57,63 @@ impl Robot {
         let scenario = simulation::scenario("lab.toml", &[]);
         let world = World::new(&scenario).expect("a scenario without image files");
         Robot {
-            image: world.camera.render(&simulation::start(&scenario)),
+            images: simulation::poses(&scenario).iter().map(|pose| world.camera.render(pose)).collect(),
             vision: scenario.vision.clone(),
             learned: operations::learned(&frames(D, size.m), size.m, size.k.unwrap_or(K)),
             reflexes: Reflexes::new(&scenario.policy),
         }
     }
 
-    fn decide(&self) -> Action {
-        let observation = observe(&self.image, &self.vision, 0);
+    fn decide(&self, image: &Image) -> Action {
+        let observation = observe(image, &self.vision, 0);
         self.reflexes.best(self.learned.q_values(&observation, 0), Recent::default()).0
     }
 }
 
-/// Decisions that percentiles are taken of.
-const DECISIONS: usize = 3000;
+/// Decisions that percentiles are taken of: in a row, and after other work.
+const IN_A_ROW: usize = 3000;
+const AFTER_WORK: usize = 1000;
+
+/// Memory that other work goes through between two decisions, bytes.
+const OTHER_WORK: usize = 64 << 20;
+
+/// Bytes of a cache line.
+const LINE: usize = 64;
 
 fn percentiles() {
-    println!("\nimage to action, {DECISIONS} decisions in a row, ms");
-    println!("{:>24} {:>8} {:>8} {:>8}", "", "p50", "p99", "largest");
+    let quick = max_m() < 8000;
+    let (in_a_row, after_work) = if quick { (300, 100) } else { (IN_A_ROW, AFTER_WORK) };
+    println!(
+        "\nimage to action, {} images in turn, ms; in cache: {in_a_row} decisions in a row; after other work: {after_work} \
+         decisions,\nbefore each of which {} MiB of other memory are written, untimed",
+        simulation::poses(&simulation::scenario("lab.toml", &[])).len(),
+        OTHER_WORK >> 20
+    );
+    println!("{:>20} {:>18} {:>8} {:>8} {:>8}", "", "", "p50", "p99", "largest");
+    let mut other = vec![0u8; OTHER_WORK];
     for size in standard() {
         let robot = Robot::new(size.k(K));
-        let mut milliseconds: Vec<f64> = (0..DECISIONS)
-            .map(|_| {
-                let begin = Instant::now();
-                std::hint::black_box(robot.decide());
-                1e3 * begin.elapsed().as_secs_f64()
-            })
-            .collect();
-        milliseconds.sort_by(f64::total_cmp);
-        let at = |share: f64| milliseconds[(share * (DECISIONS - 1) as f64) as usize];
-        println!("{:>24} {:8.3} {:8.3} {:8.3}", size.k(K), at(0.5), at(0.99), at(1.0));
+        let mut images = robot.images.iter().cycle();
+        let mut timed = || {
+            let image = images.next().expect("a cycle has no end");
+            let begin = Instant::now();
+            std::hint::black_box(robot.decide(image));
+            1e3 * begin.elapsed().as_secs_f64()
+        };
+        let in_cache = (0..in_a_row).map(|_| timed()).collect();
+        print_percentiles(size, "in cache", in_cache);
+        let after = (0..after_work).map(|_| {
+            other.iter_mut().step_by(LINE).for_each(|byte| *byte = byte.wrapping_add(1));
+            std::hint::black_box(&mut other);
+            timed()
+        });
+        let after = after.collect();
+        print_percentiles(size, "after other work", after);
     }
+}
+
+fn print_percentiles(size: Size, when: &str, mut milliseconds: Vec<f64>) {
+    milliseconds.sort_by(f64::total_cmp);
+    let at = |share: f64| milliseconds[(share * (milliseconds.len() - 1) as f64) as usize];
+    println!("{:>20} {when:>18} {:8.3} {:8.3} {:8.3}", size.k(K), at(0.5), at(0.99), at(1.0));
 }

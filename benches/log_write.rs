@@ -1,4 +1,6 @@
-//! Writing observations into a log on disk.
+//! Writing observations into a log, as a file in the folder for temporary files. Its kind is printed: in a `tmpfs` the file
+//! stays in memory, and elsewhere nothing waits for the disk either, since the log is not synchronised with it. `TMPDIR`
+//! names another folder.
 
 mod common;
 
@@ -12,7 +14,19 @@ use divan::Bencher;
 use divan::counter::{BytesCount, ItemsCount};
 
 fn main() {
+    if common::wants_figures() {
+        println!("logs are written to {}, file system: {}", std::env::temp_dir().display(), file_system());
+    }
     common::main();
+}
+
+/// The kind of file system that temporary files lie in: that of the longest mount point above them.
+fn file_system() -> String {
+    let mounts = std::fs::read_to_string("/proc/self/mounts").unwrap_or_default();
+    let folder = std::env::temp_dir();
+    let fields = mounts.lines().map(|line| line.split(' ').collect::<Vec<_>>());
+    let above = fields.filter(|fields| fields.len() > 2 && folder.starts_with(fields[1]));
+    above.max_by_key(|fields| fields[1].len()).map_or("unknown".into(), |fields| fields[2].into())
 }
 
 /// Messages of one measurement: enough to fill several chunks.
@@ -46,8 +60,8 @@ fn observations(bencher: Bencher, (compression, pixels): (&str, usize)) {
         let path = folder.path().join(format!("{number}.mcap"));
         let mut log = LogWriter::create(&path, &options, &BTreeMap::new()).expect("a log in a new folder");
         for (t, image) in images.iter().enumerate() {
-            log.write(topics::OBSERVATION, t as u32, t as u64, image).expect("room on the disk");
+            log.write(topics::OBSERVATION, t as u32, t as u64, image).expect("room for a log");
         }
-        log.finish().expect("room on the disk")
+        log.finish().expect("room for a log")
     });
 }

@@ -91,11 +91,15 @@ pub fn cores() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)
 }
 
+/// A list of names wants no figures, and neither does a test of whether everything runs.
+pub fn wants_figures() -> bool {
+    !std::env::args().any(|argument| argument == "--list" || argument == "--test")
+}
+
 /// The head of every divan bench, then its benchmarks.
 pub fn main() {
     adagio::random::fix_parallelism();
-    // A list of names wants no figures, and neither does a test of whether everything runs.
-    if !std::env::args().any(|argument| argument == "--list" || argument == "--test") {
+    if wants_figures() {
         machine::header();
     }
     divan::main();

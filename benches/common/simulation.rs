@@ -74,11 +74,6 @@ impl Walker {
     }
 }
 
-/// Where the robot of a scenario starts.
-pub fn start(scenario: &Scenario) -> Pose {
-    Pose::new(Point2::from(scenario.robot.start), scenario.robot.start_heading_deg.to_radians())
-}
-
 /// Poses all over the room of the lab, so that no view is measured alone.
 pub fn poses(scenario: &Scenario) -> Vec<Pose> {
     let centre = Point2::from(scenario.robot.start);
