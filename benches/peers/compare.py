@@ -9,8 +9,8 @@ Packages go into environments of their own under target/peers. All sides get all
 once without counting, then all of them one after the other, again and again; a ratio is between two runs of the same
 round, and the table has the median, the least and the most of them. Above 1 the peer is slower.
 
-dlib is not among the peers: its Python package binds neither `krls` nor `linearly_independent_subset_finder`
-(dlib 20.0.1, tools/python/src), and through C++ it would measure dlib's matrices, not what Python users have.
+dlib is not among the peers: as far as the documentation of its Python package (20.0.1) lists, that binds neither `krls` nor
+`linearly_independent_subset_finder`, and through C++ it would measure dlib's matrices, not what Python users have.
 """
 
 import argparse
@@ -21,11 +21,18 @@ import statistics
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent.parent
 TARGET = ROOT / "target" / "peers"
+
+# Blocks that numpy is tried with; the fastest counts.
+BLOCKS = [256, 512, 1024]
+
+# Precisions that scikit-learn is asked in; it computes distances in f64 either way.
+KINDS = {"f32": "float32", "f64": "float64"}
 
 # Between two measurements: threads of a pool go to sleep some milliseconds after their work.
 PAUSE = 0.3
@@ -73,7 +80,8 @@ class Session:
         subprocess.run(["cargo", "build", "--release", "--locked", "--quiet", "--example", "peer"], cwd=ROOT, check=True)
 
     def ours(self):
-        target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
+        # cargo takes a relative folder from where it runs, and that is ROOT.
+        target = ROOT / os.environ.get("CARGO_TARGET_DIR", "target")
         return Peer([target / "release" / "examples" / "peer", self.data])
 
     def peer(self, module, coretype=None, python=None):
@@ -128,6 +136,24 @@ def has_avx512():
     return cpuinfo.exists() and "avx512f" in cpuinfo.read_text()
 
 
+def print_rates(session):
+    """What the matrix products of both sides can do: ratios of programs that are mostly products begin here."""
+    print(f"{os.cpu_count()} cores; matrix product, all cores, GF/s")
+    with session.ours() as ours, session.peer("numpy_peer") as numpy:
+        sides = {"ours (faer)": ours, "numpy, OpenBLAS as installed": numpy}
+        avx512 = session.peer("numpy_peer", "SKYLAKEX") if has_avx512() else None
+        if avx512:
+            sides["numpy, OpenBLAS with AVX-512"] = avx512
+        for label, side in sides.items():
+            # Once without counting.
+            side.ask("rates")
+            time.sleep(PAUSE)
+            rates = side.ask("rates")
+            print(f"  {label:<28}  f32 {1e-9 * rates['single']:.0f}, f64 {1e-9 * rates['double']:.0f}")
+        if avx512:
+            avx512.__exit__()
+
+
 def heading(text):
     print(f"\n{text}", flush=True)
 
@@ -164,7 +190,8 @@ def compare_growth(session):
                     continue
                 peer.ask("dictionary", m=m, sigma=sigma)
                 peer.ask("inverse")
-                contenders[f"numpy in blocks, {label}"] = per_frame(peer, n, "blocked", m=m, block=block)
+                best = peer.ask("choose_block", m=m, n=n, blocks=BLOCKS)["block"]
+                contenders[f"numpy in blocks of {best}, {label}"] = per_frame(peer, n, "blocked", m=m, block=best)
             contenders["numpy frame by frame, textbook"] = per_frame(installed, frames_by_one, "textbook")
             contenders["numpy frame by frame, in place"] = per_frame(installed, frames_by_one, "textbook_in_place")
             session.alternately(contenders, "ours")
@@ -178,7 +205,8 @@ def compare_solve(session):
     for m, k in [(500, 32)] if session.quick else [(2000, 128), (4000, 128)]:
         heading(
             f"re-solve, m = {m}, k = {k}, moments of {m + m // 4} frames. Ours: solve() from the sums, covariances and weights included."
-            "\n  scipy: from the finished matrices. ARPACK: on the operator R⁻¹CR⁻ᵀ, Cholesky factor included."
+            "\n  scipy: from the finished matrices. ARPACK: on the operator R⁻¹CR⁻ᵀ, never formed. Standard problem: that matrix formed."
+            "\n  Both with the Cholesky factor included."
         )
         with session.ours() as ours:
             regulariser = ours.ask("frames", n=m + m // 4)["lambda"]
@@ -189,12 +217,13 @@ def compare_solve(session):
                     {
                         "ours": lambda: ours.ask("solve", k=k),
                         "scipy.linalg.eigh, subset_by_index": lambda: scipy.ask("dense", k=k),
+                        "scipy, standard problem, evr": lambda: scipy.ask("standard", k=k),
                         "scipy.sparse.linalg.eigsh": lambda: scipy.ask("arpack", k=k),
                     },
                     "ours",
                 )
         exact = answers["scipy.linalg.eigh, subset_by_index"]["objectives"]
-        for label in ("ours", "scipy.sparse.linalg.eigsh"):
+        for label in ("ours", "scipy, standard problem, evr", "scipy.sparse.linalg.eigsh"):
             largest = difference(exact, answers[label]["objectives"])
             print(f"  eigenvalues, largest relative difference from eigh: {label} {largest:.1e}")
 
@@ -203,20 +232,19 @@ def compare_nystroem(session):
     m, n = (500, 512) if session.quick else (2000, 2048)
     heading(
         f"features of {n} frames, m = {m}. Ours: Newton coordinates L⁻¹k(x), in f64. scikit-learn: Nystroem.transform, K^(-1/2) k(x),"
-        "\n  in the f32 of the frames; both span the same functions."
+        "\n  in f32 and in f64; both span the same functions."
     )
     with session.ours() as ours, session.peer("sklearn_peer") as sklearn:
         sigma = ours.ask("frames", n=m + n)["sigma"]
         ours.ask("dictionary", m=m)
-        sklearn.ask("nystroem", m=m, sigma=sigma)
-        session.alternately(
-            {
-                "ours": lambda: ours.ask("coordinates", n=n),
-                "sklearn Nystroem.transform": lambda: sklearn.ask("transform", m=m, n=n),
-            },
-            "ours",
-        )
-        print(f"  scalar products differ by at most {sklearn.ask('products')['difference']:.1e}")
+        contenders = {"ours": lambda: ours.ask("coordinates", n=n)}
+        for name, kind in KINDS.items():
+            sklearn.ask("nystroem", m=m, sigma=sigma, kind=kind)
+            contenders[f"sklearn Nystroem.transform, {name}"] = partial(sklearn.ask, "transform", m=m, n=n, kind=kind)
+        session.alternately(contenders, "ours")
+        for name, kind in KINDS.items():
+            found = sklearn.ask("products", kind=kind)["difference"]
+            print(f"  scalar products differ by at most {found:.1e} in {name}")
 
 
 def compare_sfa(session):
@@ -249,17 +277,18 @@ def compare_sfa(session):
 
 def compare_kernel_rows(session):
     m, n = (500, 256) if session.quick else (4000, 256)
-    heading(f"kernel rows of {n} frames, m = {m}, d = 1536. Ours: f32 product, the rest and the result in f64. Peers: all in f32.")
+    heading(f"kernel rows of {n} frames, m = {m}, d = 1536. Ours: f32 product, the rest and the result in f64. numpy: all in f32.")
     with session.ours() as ours, session.peer("numpy_peer") as numpy, session.peer("sklearn_peer") as sklearn:
         sigma = ours.ask("frames", n=m + n)["sigma"]
-        answers = session.alternately(
-            {
-                "ours": lambda: ours.ask("kernel_rows", m=m, n=n),
-                "numpy, product and exp in place": lambda: numpy.ask("kernel_rows", m=m, n=n, sigma=sigma),
-                "sklearn rbf_kernel": lambda: sklearn.ask("kernel_rows", m=m, n=n, sigma=sigma),
-            },
-            "ours",
-        )
+        contenders = {
+            "ours": lambda: ours.ask("kernel_rows", m=m, n=n),
+            "numpy, product and exp in place": lambda: numpy.ask("kernel_rows", m=m, n=n, sigma=sigma),
+        }
+        for name, kind in KINDS.items():
+            contenders[f"sklearn rbf_kernel, {name}"] = partial(
+                sklearn.ask, "kernel_rows", m=m, n=n, sigma=sigma, kind=kind
+            )
+        answers = session.alternately(contenders, "ours")
         first = {label: answer["first"] for label, answer in answers.items()}
         print(f"  the first value: {', '.join(f'{label} {value:.9f}' for label, value in first.items())}")
 
@@ -280,6 +309,7 @@ def main():
     parser.add_argument("--runs", type=int, default=5, help="rounds that count (default: 5)")
     options = parser.parse_args()
     session = Session(options)
+    print_rates(session)
     for name in options.only or COMPARISONS:
         COMPARISONS[name](session)
 

@@ -10,6 +10,21 @@ from scipy.linalg import blas, cholesky
 from worker import STATE, timed
 
 
+# Edge of the matrices whose product gives the rate; the same as on our side.
+EDGE = 1500
+
+
+def rates(folder):
+    """Rates of numpy's matrix product in both precisions, operations per second: the best of two."""
+
+    def rate(kind):
+        a = np.ones((EDGE, EDGE), dtype=kind)
+        c = np.empty_like(a)
+        return 2 * EDGE**3 / min(timed(lambda: np.matmul(a, a, out=c))[1] for _ in range(2))
+
+    return {"single": rate(np.float32), "double": rate(np.float64)}
+
+
 def _members(folder, m):
     frames = np.load(folder / "frames.npy", mmap_mode="r")
     return np.ascontiguousarray(frames[:m])
@@ -96,17 +111,26 @@ def blocked(folder, m, n, block):
     return {"seconds": seconds}
 
 
+def choose_block(folder, m, n, blocks):
+    """The block with which `blocked` is fastest here, after one try of each that does not count."""
+    blocks = [block for block in blocks if block <= n]
+    seconds = {}
+    for _ in range(2):
+        seconds = {block: blocked(folder, m, n, block)["seconds"] for block in blocks}
+    return {"block": min(seconds, key=seconds.get)}
+
+
 def inverse(folder):
     """What the textbook form carries instead of the factor, with sums of its own."""
     m = len(STATE["members"])
     identity = np.eye(m, order="F")
     half = blas.dtrsm(1.0, STATE["factor"], identity, lower=1, overwrite_b=1)
-    STATE["inverse"] = half.T @ half
+    STATE["inverse"] = np.asfortranarray(half.T @ half)
     STATE["textbook"] = np.zeros((m, m)), np.zeros((m, m))
     return {}
 
 
-def _frame_by_frame(folder, n, update):
+def _frame_by_frame(folder, n, product, update):
     m = len(STATE["members"])
     x = np.array(np.load(folder / "frames.npy", mmap_mode="r")[m : m + n])
     members, norms, sigma = STATE["members"], STATE["norms"], STATE["sigma"]
@@ -116,7 +140,7 @@ def _frame_by_frame(folder, n, update):
         for frame in x:
             squared = norms + float(frame @ frame) - 2 * (members @ frame)
             k = np.exp(-squared / (2 * sigma**2))
-            accepted += 1 - k @ (STATE["inverse"] @ k) > 1
+            accepted += 1 - k @ product(k) > 1
             update(k, k - last if last is not None else k)
             last = k
         return accepted
@@ -134,15 +158,15 @@ def textbook(folder, n):
         square += np.outer(k, k)
         derivative += np.outer(rate, rate)
 
-    return _frame_by_frame(folder, n, update)
+    return _frame_by_frame(folder, n, lambda k: STATE["inverse"] @ k, update)
 
 
 def textbook_in_place(folder, n):
-    """The same with symmetric rank-1 updates in place, the best that frame by frame can do."""
+    """The same, with a product and rank-1 updates in place that make use of symmetry: half of the memory traffic."""
 
     def update(k, rate):
         # The transpose is a view in Fortran's order; its lower triangle is the upper one of the array.
         for total, column in zip(STATE["textbook"], (k, rate)):
             blas.dsyr(1.0, column, lower=1, a=total.T, overwrite_a=1)
 
-    return _frame_by_frame(folder, n, update)
+    return _frame_by_frame(folder, n, lambda k: blas.dsymv(1.0, STATE["inverse"], k, lower=1), update)

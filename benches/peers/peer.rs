@@ -13,6 +13,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use common::data::{BLOCK, D, frames};
+use common::machine::Rates;
 use common::operations;
 
 use adagio::dictionary::Dictionary;
@@ -54,6 +55,7 @@ impl Peer {
         let number = |key: &str| request[key].as_u64().map(|value| value as usize).ok_or(format!("{key} is missing"));
         let par = Par::rayon(common::cores());
         match request["do"].as_str() {
+            Some("rates") => rates(par),
             Some("frames") => self.frames(number("n")?),
             Some("kernel_rows") => self.kernel_rows(number("m")?, number("n")?, par),
             Some("stream") => self.stream(number("m")?, par),
@@ -169,6 +171,12 @@ fn objectives(features: &SlowFeatures) -> Vec<f64> {
         features.slowness.iter().enumerate().map(|(j, slowness)| slowness + features.lambda * norm(j)).collect();
     values.sort_by(f64::total_cmp);
     values
+}
+
+/// Rates of our matrix product, operations per second.
+fn rates(par: Par) -> Answer {
+    let Rates { single, double } = Rates::now(par);
+    Ok(json!({"single": single, "double": double}))
 }
 
 fn timed<R>(work: impl FnOnce() -> R) -> (R, f64) {

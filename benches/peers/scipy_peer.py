@@ -1,13 +1,13 @@
-"""The `k` slowest features by scipy: the dense generalised solver for a part of the spectrum, and ARPACK."""
+"""The `k` slowest features by scipy: two dense solvers for a part of the spectrum, and ARPACK."""
 
 import numpy as np
-from scipy.linalg import cholesky, eigh, solve_triangular
+from scipy.linalg import blas, cholesky, eigh, solve_triangular
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from worker import STATE, timed
 
-# Asked of ARPACK; the comparison is for eigenvalues within 1e-6.
-TOLERANCE = 1e-7
+# The relative residual that is asked of ARPACK: ours, `adagio::slow::TOLERANCE`.
+TOLERANCE = 1e-6
 
 
 def moments(folder, regulariser):
@@ -22,6 +22,24 @@ def dense(folder, k):
     m = len(STATE["rate"])
     subset = [m - k, m - 1]
     (mu, _), seconds = timed(lambda: eigh(STATE["covariance"], STATE["rate"], subset_by_index=subset, check_finite=False))
+    return {"seconds": seconds, "objectives": sorted(1 / mu)}
+
+
+def standard(folder, k):
+    """The explicit standard problem R⁻¹CR⁻ᵀ with RRᵀ the regularised rate: two triangular solves in place, then LAPACK's
+    `dsyevr` for the part of the spectrum."""
+    m = len(STATE["rate"])
+    subset = [m - k, m - 1]
+
+    def work():
+        factor = cholesky(STATE["rate"], lower=True, check_finite=False)
+        matrix = STATE["covariance"].copy(order="F")
+        matrix = blas.dtrsm(1.0, factor, matrix, lower=1, overwrite_b=1)
+        matrix = blas.dtrsm(1.0, factor, matrix, side=1, lower=1, trans_a=1, overwrite_b=1)
+        mu, u = eigh(matrix, subset_by_index=subset, driver="evr", overwrite_a=True, check_finite=False)
+        return mu, solve_triangular(factor, u, lower=True, trans="T", check_finite=False)
+
+    (mu, _), seconds = timed(work)
     return {"seconds": seconds, "objectives": sorted(1 / mu)}
 
 
