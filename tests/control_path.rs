@@ -1,11 +1,12 @@
-//! From an observation to an action: nothing is allocated, and the Q-values are those of the features.
+//! From an image to an action: nothing is allocated, and the Q-values are those of the features.
 
 use adagio::kernel::Kernel;
 use adagio::policy::{Learned, PolicyError, Recent, Reflexes, columns};
 use adagio::random::stream;
+use adagio::scenario::Vision;
 use adagio::slow::{SlowError, SlowModel};
-use adagio::vision::Observation;
-use adagio::world::Action;
+use adagio::vision::{Observation, Observer};
+use adagio::world::{Action, Image};
 use faer::{Mat, Par};
 use rand::RngExt;
 
@@ -96,6 +97,24 @@ fn a_decision_allocates_nothing() {
     assert_eq!((counted.count_total, counted.bytes_total), (0, 0));
     // The counter counts.
     assert!(allocation_counter::measure(|| drop(std::hint::black_box(vec![1u8; 9]))).count_total == 1);
+}
+
+#[test]
+fn an_observer_at_work_allocates_nothing() {
+    let settings = Vision { cut_rows: 80, width: 32, height: 16, brightness: Some(128.0) };
+    let mut rng = stream(4, "images");
+    let mut image = || {
+        let rgb = (0..3 * 320 * 240).map(|_| rng.random_range(0..=255u8)).collect();
+        Image { width: 320, height: 240, cropped: false, rgb }
+    };
+    let (first, second) = (image(), image());
+    let (mut observer, mut pixels) = (Observer::default(), Vec::new());
+    observer.observe(&first, &settings, &mut pixels);
+    let before = pixels.clone();
+    let counted = allocation_counter::measure(|| observer.observe(&second, &settings, &mut pixels));
+    assert_eq!((counted.count_total, counted.bytes_total), (0, 0));
+    assert_ne!(pixels, before);
+    assert_eq!(pixels, adagio::vision::observe(&second, &settings, 0).pixels);
 }
 
 #[test]

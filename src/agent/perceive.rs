@@ -14,7 +14,7 @@ use crate::scenario::{self, Scenario, SelectionRule};
 use crate::slow::{Link, SlowError, SlowStream, StreamOptions};
 use crate::source::{Boundary, Frame};
 use crate::value::{Transition, Window};
-use crate::vision::{Observation, observe};
+use crate::vision::{Observation, Observer};
 use crate::world::Action;
 
 /// What learning can refuse.
@@ -73,6 +73,7 @@ pub struct Learning {
 pub struct Perceive {
     scenario: Arc<Scenario>,
     par: Par,
+    observer: Observer,
     stream: Option<SlowStream<f32>>,
     pending: Vec<Pending>,
     window: Window<Arc<Observation>>,
@@ -94,6 +95,7 @@ impl Perceive {
             window: Window::new(scenario.value.window),
             par: parallelism(&scenario.agent),
             scenario,
+            observer: Observer::default(),
             stream: None,
             pending: Vec::new(),
             last_number: None,
@@ -108,7 +110,9 @@ impl Perceive {
 
     /// See a frame: its observation, and at the end of an action the percept to act on.
     pub fn see(&mut self, frame: Frame) -> (Arc<Observation>, Option<Percept>) {
-        let observation = Arc::new(observe(&frame.image, &self.scenario.vision, frame.number));
+        let mut pixels = Vec::new();
+        self.observer.observe(&frame.image, &self.scenario.vision, &mut pixels);
+        let observation = Arc::new(Observation { frame: frame.number, pixels });
         let follows = self.last_number.is_some_and(|last| last + 1 == frame.number);
         let link = frame.action.filter(|_| follows).map(|action| Link {
             dt: self.scenario.robot.frame_seconds(),

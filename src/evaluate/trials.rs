@@ -10,7 +10,7 @@ use super::{draw_pose, wilson_low};
 use crate::policy::{Learned, Recent, Reflexes, optimal_steps, reference_action};
 use crate::random::{fix_parallelism, stream};
 use crate::scenario::{Scenario, Task};
-use crate::vision::{Observation, observe};
+use crate::vision::{Observation, Observer};
 use crate::world::{Action, Image, Pose, Robot, Sensor, World, in_goal};
 
 /// Results of one task, as in `report.json`.
@@ -55,9 +55,10 @@ pub struct Unaided {
 
 /// A robot on its way.
 struct Trial {
-    index: usize,
     robot: Robot,
     sensor: Sensor,
+    observer: Observer,
+    seen: Observation,
     recent: Recent,
     actions: Vec<Action>,
     arrived: bool,
@@ -168,7 +169,10 @@ impl Evaluator {
             if active.is_empty() {
                 break;
             }
-            let judge = |image: &mut Image, trial: &mut &mut Trial| learned.q_values(&self.look(trial, image), task);
+            let judge = |image: &mut Image, trial: &mut &mut Trial| {
+                self.look(trial, image);
+                learned.q_values(&trial.seen, task)
+            };
             let values: Vec<[f64; 3]> = active.par_iter_mut().map_init(Image::default, judge).collect();
             for (trial, values) in active.iter_mut().zip(values) {
                 let (action, _) = reflexes.best(values, trial.recent);
@@ -199,15 +203,24 @@ impl Evaluator {
             // A trial looks once per action.
             let seconds = self.scenario.robot.action_seconds;
             let sensor = Sensor::new(&self.scenario, seconds, noise("camera"));
-            Trial { index, robot, sensor, recent: Recent::default(), actions: Vec::new(), arrived: false }
+            Trial {
+                robot,
+                sensor,
+                observer: Observer::default(),
+                seen: Observation { frame: index as u64, pixels: Vec::new() },
+                recent: Recent::default(),
+                actions: Vec::new(),
+                arrived: false,
+            }
         };
         self.starts[task].iter().enumerate().map(begin).collect()
     }
 
-    fn look(&self, trial: &mut Trial, image: &mut Image) -> Observation {
+    /// What a robot sees from where it is, in place of what it saw before.
+    fn look(&self, trial: &mut Trial, image: &mut Image) {
         self.world.camera.render_into(&trial.robot.pose, image);
         trial.sensor.expose(image);
-        observe(image, &self.scenario.vision, trial.index as u64)
+        trial.observer.observe(image, &self.scenario.vision, &mut trial.seen.pixels);
     }
 
     fn act(&self, trial: &mut Trial, action: Action, task: &Task) {
