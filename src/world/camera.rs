@@ -204,7 +204,8 @@ impl Camera {
         let mut end = self.height;
         for hit in hits {
             let (height, texture) = &self.walls[hit.wall];
-            let base = self.rows_above(0.0, hit.depth);
+            // With a lens hardly above the floor, rounding can put a wall's foot onto the horizon: the floor begins below.
+            let base = self.rows_above(0.0, hit.depth).max(self.horizon);
             if base < end {
                 self.paint_floor(pose, column, base, end, strip);
                 end = base;
