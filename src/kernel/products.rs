@@ -45,42 +45,56 @@ pub(crate) fn near_half(size: usize) -> usize {
     size.div_ceil(2).next_multiple_of(16)
 }
 
-/// Triangles of this size and below are left to faer.
-const TRIANGLE: usize = 512;
-/// Rectangles this wide and below are one product.
-const RECTANGLE: usize = 1024;
+/// Columns of the factors that one product goes through. Deeper products are slower than several of this depth.
+const DEPTH: usize = 256;
 
 /// The lower triangle of `C += AAᵀ`; what stands above the diagonal is not touched.
 ///
 /// # Shapes
 /// `c: m × m`, `a: m × n`.
-pub(crate) fn add_square(c: MatMut<'_, f64>, a: MatRef<'_, f64>, par: Par) {
-    let m = c.nrows();
-    if m <= TRIANGLE {
-        let (whole, lower) = (BlockStructure::Rectangular, BlockStructure::TriangularLower);
-        return triangular_matmul(c, lower, Accum::Add, a, whole, a.transpose(), whole, 1.0, Par::Seq);
+pub(crate) fn add_square(mut c: MatMut<'_, f64>, a: MatRef<'_, f64>, par: Par) {
+    let (whole, lower) = (BlockStructure::Rectangular, BlockStructure::TriangularLower);
+    let par = for_columns(par, a.nrows());
+    for start in (0..a.ncols()).step_by(DEPTH) {
+        let part = a.subcols(start, DEPTH.min(a.ncols() - start));
+        let right = transposed(part);
+        triangular_matmul(c.as_mut(), lower, Accum::Add, part, whole, right.as_ref(), whole, 1.0, par);
     }
-    let half = near_half(m);
-    let (first, _, between, second) = c.split_at_mut(half, half);
-    let (above, below) = a.split_at_row(half);
-    // The rectangle is about as much work as both triangles.
-    join(
-        par,
-        |par| add_product(between, below, above, par),
-        |par| join(par, |par| add_square(first, above, par), |par| add_square(second, below, par)),
-    );
 }
 
-/// `C += ABᵀ`, with `a: m × k` and `b: n × k`.
-fn add_product(c: MatMut<'_, f64>, a: MatRef<'_, f64>, b: MatRef<'_, f64>, par: Par) {
-    let n = c.ncols();
-    if n <= RECTANGLE {
-        return matmul(c, Accum::Add, a, b.transpose(), 1.0, Par::Seq);
+/// `C += scale·ABᵀ`.
+///
+/// # Shapes
+/// `c: m × l`, `a: m × n`, `b: l × n`.
+pub(crate) fn add_product(mut c: MatMut<'_, f64>, a: MatRef<'_, f64>, b: MatRef<'_, f64>, scale: f64, par: Par) {
+    let par = for_columns(par, b.nrows());
+    for start in (0..a.ncols()).step_by(DEPTH) {
+        let depth = DEPTH.min(a.ncols() - start);
+        let right = transposed(b.subcols(start, depth));
+        matmul(c.as_mut(), Accum::Add, a.subcols(start, depth), right.as_ref(), scale, par);
     }
-    let half = near_half(n);
-    let (left, right) = c.split_at_col_mut(half);
-    let (above, below) = b.split_at_row(half);
-    join(par, |par| add_product(left, a, above, par), |par| add_product(right, a, below, par));
+}
+
+/// `Aᵀ` with columns that are contiguous. A product whose right factor jumps from one column to the next with each value is a
+/// fifth slower, which is many times what this copy takes.
+fn transposed(a: MatRef<'_, f64>) -> Mat<f64> {
+    /// Values that stand side by side in a line of the cache.
+    const LINE: usize = 8;
+    let (m, n) = (a.nrows(), a.ncols());
+    let mut to = Mat::zeros(n, m);
+    for start in (0..n).step_by(LINE) {
+        let width = LINE.min(n - start);
+        let from: Option<Vec<&[f64]>> =
+            (start..start + width).map(|j| a.col(j).try_as_col_major().map(|column| column.as_slice())).collect();
+        for i in 0..m {
+            let line = &mut to.col_as_slice_mut(i)[start..start + width];
+            match &from {
+                Some(columns) => line.iter_mut().zip(columns).for_each(|(to, column)| *to = column[i]),
+                None => line.iter_mut().enumerate().for_each(|(j, to)| *to = a[(i, start + j)]),
+            }
+        }
+    }
+    to
 }
 
 /// Rows that are solved before all of them are subtracted from the next ones in one product.

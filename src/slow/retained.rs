@@ -3,15 +3,14 @@
 use std::collections::VecDeque;
 use std::mem::size_of;
 
-use faer::linalg::matmul::matmul;
-use faer::{Accum, ColRef, Mat, MatRef, Par, unzip, zip};
+use faer::{ColRef, Mat, MatRef, Par, unzip, zip};
 
 use super::error::SlowError;
 use super::links::Link;
 use super::moments::{Moments, NewRows};
 use crate::dictionary::{Dictionary, Thinning, capacity};
 use crate::kernel::Scalar;
-use crate::kernel::products::{add_square, for_columns};
+use crate::kernel::products::{add_product, add_square};
 
 /// How frames fade.
 #[derive(Debug, Clone, Copy)]
@@ -203,8 +202,7 @@ impl<T: Scalar> Retained<T> {
                     .for_each(|unzip!(to, this, next)| *to = of_this * *this - of_next * *next);
             }
             let earlier = chunk.coordinates().subrows(0, from);
-            let par = for_columns(par, from);
-            matmul(rows.cross.as_mut(), Accum::Add, stacked.as_ref(), earlier.transpose(), 1.0, par);
+            add_product(rows.cross.as_mut(), stacked.as_ref(), earlier, 1.0, par);
         }
         rows
     }

@@ -6,14 +6,13 @@ use faer::diag::Diag;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::{cholesky_in_place, cholesky_in_place_scratch};
 use faer::linalg::evd::{ComputeEigenvectors, self_adjoint_evd, self_adjoint_evd_scratch};
-use faer::linalg::matmul::matmul;
 use faer::linalg::matmul::triangular::{BlockStructure, matmul as triangular_matmul};
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::prelude::{Reborrow, ReborrowMut};
 use faer::{Accum, Mat, MatMut, MatRef, Par};
 
 use super::error::SlowError;
-use crate::kernel::products::for_columns;
+use crate::kernel::products::{add_product, for_columns};
 
 /// Columns that the Cholesky factor is made of at a time. It decides about the bits: it must not depend on the machine.
 const PANEL: usize = 256;
@@ -51,7 +50,7 @@ pub(super) fn cholesky(mut a: MatMut<'_, f64>, par: Par) -> bool {
         let (_, _, left, right) = a.rb_mut().split_at_mut(start, start);
         let left = left.rb();
         let mut panel = right.subcols_mut(0, width);
-        matmul(panel.rb_mut(), Accum::Add, left, left.subrows(0, width).transpose(), -1.0, for_columns(par, width));
+        add_product(panel.rb_mut(), left, left.subrows(0, width), -1.0, par);
         let (mut corner, below) = panel.split_at_row_mut(width);
         let stack = MemStack::new(&mut memory);
         if cholesky_in_place(corner.rb_mut(), Default::default(), Par::Seq, stack, Default::default()).is_err() {

@@ -6,7 +6,7 @@ use faer::{Accum, Mat, MatRef, Par, Scale};
 use super::ValueError;
 use super::error::{finite_list, finite_matrix, sample_weights, size};
 use super::lstd::solve_or_pseudo_inverse;
-use crate::kernel::products::for_columns;
+use crate::kernel::products::{add_product, for_columns};
 
 /// States and the actions taken in them: column `i` of `phi` is what was seen before action `actions[i]`.
 ///
@@ -134,7 +134,7 @@ impl Blocks {
                     .for_each(|faer::unzip!(heavy, phi)| *heavy = phi * weight);
             }
             let mut g = Mat::zeros(f, f);
-            matmul(g.as_mut(), Accum::Replace, heavy.as_ref(), plain.transpose(), 1.0, for_columns(par, f));
+            add_product(g.as_mut(), heavy.as_ref(), plain.as_ref(), 1.0, par);
             weighted.push(heavy);
             gram.push(g);
         }

@@ -1,9 +1,9 @@
 //! The part of the system that depends on the policy: `M_ab = Σ_{i: a_i = a} ω_i π(b | x′_i) φ_i φ′_iᵀ`.
 
-use faer::linalg::matmul::matmul;
-use faer::{Accum, Mat, MatMut, MatRef};
+use faer::{Mat, MatMut, MatRef};
 
 use super::blocks::Blocks;
+use crate::kernel::products::add_product;
 
 /// Samples whose features are gathered side by side for one product. Two buffers of this many columns stay in a core's
 /// cache for hundreds of features, so that each feature vector is read from memory once.
@@ -150,7 +150,7 @@ impl<'b> Products<'b> {
                 }
             }
             let (before, after) = (self.before.subcols(0, part.len()), self.after.subcols(0, part.len()));
-            matmul(self.sum.as_mut(), Accum::Add, before, after.transpose(), 1.0, self.blocks.par());
+            add_product(self.sum.as_mut(), before, after, 1.0, self.blocks.par());
         }
         self.sum.as_ref()
     }
