@@ -15,6 +15,11 @@ const DATA_LOSS: u8 = 3;
 /// A second Ctrl-C: ended at once.
 const INTERRUPTED: i32 = 130;
 
+/// Matrices come and go in threads of their own. glibc's allocator keeps what they free, up to the size of all of them once
+/// more; this one gives it back.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 static STOP: AtomicBool = AtomicBool::new(false);
 
 fn main() -> ExitCode {

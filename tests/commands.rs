@@ -168,6 +168,24 @@ fn a_scenario_that_needs_too_much_memory_is_refused_with_numbers_or_shrunk() {
     assert!(stderr(&hopeless).contains("no budget fits; the part "), "{}", stderr(&hopeless));
 }
 
+/// What `check` says is enough, beside the program itself.
+#[test]
+fn a_run_takes_no_more_memory_than_check_says() {
+    let folder = tempfile::tempdir().unwrap();
+    let sets = ["actions=600", "dictionary.budget=1500", "dictionary.sigma=2000", "dictionary.retained_frames=5000"];
+    let sets: Vec<&str> = sets.iter().flat_map(|set| ["--set", set]).collect();
+    let check = adagio(folder.path(), &[&["check", &smoke()], &sets[..]].concat());
+    let said = stderr(&check);
+    let megabytes: u64 =
+        said.split("matrices of ").nth(1).and_then(|text| text.split(' ').next()).unwrap().parse().unwrap();
+    let report = report(&smoke_run(folder.path(), "run", &sets));
+    assert!(report["dictionary"]["support_vectors"].as_u64().unwrap() > 1000);
+    let peak = report["memory"]["peak_rss_bytes"].as_u64().unwrap() / 1_000_000;
+    // Textures, code, the log's chunks and the picture at the end.
+    let program = 100;
+    assert!(peak <= megabytes + program, "{peak} MB at most, {megabytes} by the formula");
+}
+
 /// The solver needs less memory from that number of support vectors on at which it iterates.
 #[test]
 fn the_largest_budget_is_found_although_memory_does_not_only_grow() {
