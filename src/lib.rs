@@ -35,6 +35,7 @@
 //! | [`policy`] | exploration, pursuit, reflexes, reference, optimum |
 //! | [`agent`] | the actors and their queues |
 //! | [`log`] | messages, CDR, writer, reader |
+//! | [`replay`] | a recorded run once more; two runs side by side |
 //! | [`evaluate`] | trials, convergence quality, pose decoding |
 //! | [`report`] | what a run came to |
 //! | [`cli`] | one file per command |
@@ -104,6 +105,7 @@ pub mod log;
 pub mod policy;
 pub mod random;
 pub mod regression;
+pub mod replay;
 pub mod report;
 pub mod scenario;
 pub mod slow;

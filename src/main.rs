@@ -3,7 +3,7 @@
 use std::process::{ExitCode, exit};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use adagio::cli::{Cli, Command, Ending, dispatch};
+use adagio::cli::{Cli, Ending, dispatch, finishes};
 use clap::Parser;
 
 /// The command failed.
@@ -25,7 +25,7 @@ static STOP: AtomicBool = AtomicBool::new(false);
 fn main() -> ExitCode {
     let cli = Cli::parse();
     // Other commands have nothing to finish: Ctrl-C ends them as it ends any program.
-    if matches!(cli.command, Command::Run(_)) {
+    if finishes(&cli.command) {
         let handler = ctrlc::set_handler(|| {
             if STOP.swap(true, Ordering::Relaxed) {
                 exit(INTERRUPTED);

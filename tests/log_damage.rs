@@ -11,7 +11,7 @@ use std::{
 };
 
 use adagio::log::{
-    Compression, Ending, LogError, LogOptions, LogReader, LogTotals, LogWriter, Message, Record, cdr,
+    Compression, Ending, FileTotals, LogError, LogOptions, LogReader, LogWriter, Message, Record, cdr,
     messages::{Decision, Header},
     summarise, topics,
 };
@@ -26,7 +26,7 @@ fn options(compression: Compression) -> LogOptions {
 }
 
 /// A log of `rounds` rounds with an attachment and a flush after each, in memory.
-fn write_log<W: Write>(sink: W, compression: Compression, rounds: u32) -> Result<LogTotals, LogError> {
+fn write_log<W: Write>(sink: W, compression: Compression, rounds: u32) -> Result<FileTotals, LogError> {
     let metadata = BTreeMap::from([("seed".to_owned(), "7".to_owned())]);
     let mut log = LogWriter::with_sink(sink, "test", &options(compression), &metadata)?;
     write_samples(&mut log, rounds, &mut Vec::new(), |log, round| {

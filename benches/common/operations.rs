@@ -207,11 +207,19 @@ pub fn run(scenario: &Arc<adagio::scenario::Scenario>) -> u64 {
 
     let folder = tempfile::tempdir().expect("a temporary folder");
     let options = adagio::log::LogOptions::default();
-    let log = adagio::log::LogWriter::create(&folder.path().join("run.mcap"), &options, &BTreeMap::new())
+    let storage = adagio::log::Folder::new(folder.path());
+    let log = adagio::log::RunLog::create(storage, &options, adagio::log::Rotation::NEVER, &BTreeMap::new())
         .expect("a log in a new folder");
     let world = Arc::new(adagio::world::World::new(scenario).expect("a scenario without image files"));
     let mut source = adagio::source::Simulated::new(scenario.clone(), world);
     let (stop, status) = (AtomicBool::new(false), Status::default());
-    let options = RunOptions { stop: &stop, status: &status, checkpoint: None, evaluator: None };
+    let options = RunOptions {
+        stop: &stop,
+        status: &status,
+        checkpoint: None,
+        evaluator: None,
+        recording: None,
+        most_actions: None,
+    };
     adagio::agent::run(scenario, &mut source, log, &options).expect("a run").frames
 }

@@ -42,7 +42,7 @@ impl Walker {
         let world = Arc::new(World::new(&scenario).expect("a scenario without image files"));
         let mut source = Simulated::new(scenario.clone(), world);
         let walk = Walk::new(&scenario.policy, scenario.robot.radius, random::stream(scenario.seed, "explore"));
-        let last = source.first();
+        let last = source.first().expect("a robot has a first frame");
         Walker { source, walk, last, scenario }
     }
 
@@ -59,7 +59,8 @@ impl Walker {
             let weight = if action == Action::Forward { scenario.slow.move_weight } else { 1.0 };
             let last = &mut self.last;
             self.source.execute(action, &mut |frame| {
-                let observation = observe(&frame.image, &scenario.vision, frame.number);
+                let observation =
+                    observe(frame.view.image().expect("a simulated image"), &scenario.vision, frame.number);
                 for (entry, value) in x.col_mut(links.len()).iter_mut().zip(observation.values()) {
                     *entry = value;
                 }

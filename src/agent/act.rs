@@ -31,7 +31,6 @@ pub struct Act {
     behaviour: Behaviour,
     walk: Walk,
     reflexes: Reflexes,
-    last: Option<Action>,
     number: usize,
 }
 
@@ -44,7 +43,6 @@ impl Act {
             behaviour: Behaviour::new(scenario, stream(scenario.seed, "legs")),
             walk: Walk::new(&scenario.policy, radius, stream(scenario.seed, "explore")),
             reflexes: Reflexes::new(&scenario.policy),
-            last: None,
             number: 0,
         }
     }
@@ -54,9 +52,9 @@ impl Act {
         self.learned = Some(learned);
     }
 
-    /// The next action.
+    /// The next action. What was executed last is in the percept: a replay executes what was recorded, whatever is decided.
     pub fn step(&mut self, percept: &Percept) -> Decision {
-        let recent = Recent { action: self.last, blocked: percept.boundary.blocked };
+        let recent = Recent { action: percept.action, blocked: percept.boundary.blocked };
         let leg = self.behaviour.next(self.number, &percept.boundary.in_goal, self.learned.is_some());
         let (action, q_values, reflex) = match (leg, &self.learned) {
             (Leg::Pursue(task), Some(learned)) => {
@@ -66,7 +64,6 @@ impl Act {
             }
             _ => (self.walk.choose(&percept.sonar, self.reflexes, recent), None, false),
         };
-        self.last = Some(action);
         self.number += 1;
         let epoch = self.learned.as_ref().map_or(0, |learned| learned.epoch);
         Decision { number: self.number - 1, action, leg, epoch, q_values, reflex }

@@ -16,6 +16,7 @@ use super::perceive::{self, Perceive};
 use super::queue::{Closed, Inbox, Outbox};
 use super::record::{Level, Recorder};
 use super::run::{CurvePoint, RunError};
+use super::schedule::Schedule;
 use super::status::{Status, resident_bytes};
 use crate::evaluate::{Evaluator, TaskResult};
 use crate::policy::{Learned, Tally};
@@ -35,19 +36,47 @@ pub struct Perceived {
     pub clock: Clock,
 }
 
-/// The source actor: the first frame, then the frames of each action.
-pub fn supply(source: &mut (dyn Source + Send), actions: &Inbox<Action>, frames: &Outbox<Frame>) {
-    if frames.put(source.first()).is_err() {
-        return;
-    }
-    while let Ok(action) = actions.take() {
-        let mut open = true;
-        source.execute(action, &mut |frame| {
-            open = frames.put(frame).is_ok();
-            open
-        });
-        if !open {
+/// How the source actor hands on its frames.
+pub struct Supply<'a> {
+    pub actions: Inbox<Action>,
+    pub frames: Outbox<Frame>,
+    /// The other end of `frames`, where frames that are not taken in time are dropped.
+    pub drop_from: Option<Inbox<Frame>>,
+    /// Times real time at which frames come; `None`: as fast as they are taken.
+    pub speed: Option<f64>,
+    pub status: &'a Status,
+}
+
+impl Supply<'_> {
+    /// The source actor: the first frame, then the frames of each action. The last frame of an action is never dropped: nothing
+    /// comes after it before it was seen and answered.
+    pub fn run(self, source: &mut (dyn Source + Send)) {
+        let Some(first) = source.first() else { return };
+        let (begin, first_ns) = (Instant::now(), first.stamp_ns);
+        let give = |frame: Frame| {
+            if let Some(speed) = self.speed {
+                let due = Duration::from_nanos(frame.stamp_ns.saturating_sub(first_ns)).div_f64(speed);
+                std::thread::sleep(due.saturating_sub(begin.elapsed()));
+            }
+            let Some(taker) = &self.drop_from else { return self.frames.put(frame).is_ok() };
+            let dropped = self.frames.put_newest(frame, taker);
+            if dropped > 0 {
+                self.status.update(|s| s.dropped += dropped);
+            }
+            true
+        };
+        if !give(first) {
             return;
+        }
+        while let Ok(action) = self.actions.take() {
+            let mut open = true;
+            let more = source.execute(action, &mut |frame| {
+                open = give(frame);
+                open
+            });
+            if !(open && more) {
+                return;
+            }
         }
     }
 }
@@ -55,13 +84,14 @@ pub fn supply(source: &mut (dyn Source + Send), actions: &Inbox<Action>, frames:
 /// The perceive actor. A percept leaves before its block is learned from, so that control does not wait for learning.
 pub fn perceive(
     scenario: &Arc<Scenario>,
+    schedule: &Arc<Schedule>,
     frames: &Inbox<Frame>,
     percepts: &Outbox<Percept>,
     solve: &Outbox<SolveRequest>,
     record: &Recorder,
     status: &Status,
 ) -> Result<Perceived, RunError> {
-    let mut perceive = Perceive::new(scenario.clone());
+    let mut perceive = Perceive::new(scenario.clone(), schedule.clone());
     let mut done = Perceived { frames: 0, quarantined: 0, support_vectors: 0, nu: None, clock: Clock::new() };
     let (mut last_boundary, mut last_number) = (None, None);
     loop {
@@ -87,8 +117,7 @@ pub fn perceive(
             }
             sent = sent.and_then(|()| percepts.put(percept));
         }
-        // Lockstep asks for models at fixed frames and waits if it must; otherwise a busy solver never stops the stream.
-        let learned = perceive.learn(scenario.agent.mode == Mode::Lockstep || solve.has_room())?;
+        let learned = perceive.learn(solve.has_room())?;
         done.frames += 1;
         if sent.and_then(|()| deliver(learned, &mut done, solve, record, status)).is_err() {
             return Ok(done);
@@ -120,7 +149,9 @@ fn deliver(
         }
         record.growth(growth)?;
     }
-    learned.request.map_or(Ok(()), |request| solve.put(request))
+    let Some(request) = learned.request else { return Ok(()) };
+    record.request(&request)?;
+    solve.put(request)
 }
 
 /// What the act actor has when it ends.
@@ -152,6 +183,9 @@ impl Acted {
 /// The act actor's surroundings.
 pub struct Deciding<'a> {
     pub scenario: &'a Arc<Scenario>,
+    pub schedule: &'a Schedule,
+    /// Actions after which the run ends.
+    pub most_actions: u64,
     pub record: &'a Recorder,
     pub status: &'a Status,
     pub stop: &'a AtomicBool,
@@ -169,22 +203,19 @@ impl Deciding<'_> {
     ) -> Result<Acted, RunError> {
         let mut act = Act::new(self.scenario);
         let mut acted = Acted::new();
-        // In lockstep: frames at which models were asked for whose answers have not come into effect.
+        // Frames at which models were asked for whose answers come into effect at a fixed frame.
         let mut asked = VecDeque::new();
         let realtime = self.scenario.agent.mode == Mode::Realtime;
         let mut last_frame = 0;
-        let latency = self.scenario.agent.latency_frames as u64;
         while let Ok(percept) = percepts.take() {
             let frame = percept.observation.frame;
             last_frame = frame;
-            if !realtime {
-                asked.extend(percept.asked.iter().copied());
-            }
+            asked.extend(percept.asked.iter().copied());
             loop {
-                let update = if realtime {
-                    updates.poll()
-                } else if asked.pop_front_if(|at| *at + latency <= frame).is_some() {
+                let update = if asked.pop_front_if(|at| self.schedule.effective(*at) <= frame).is_some() {
                     updates.take().map(Some)
+                } else if self.schedule.polls(frame) {
+                    updates.poll()
                 } else {
                     Ok(None)
                 };
@@ -199,7 +230,7 @@ impl Deciding<'_> {
                 acted.pass_on(assess);
             }
             let stop = self.stop.load(Ordering::Relaxed) || self.ended.load(Ordering::Relaxed);
-            if stop || acted.actions >= self.scenario.actions as u64 {
+            if stop || acted.actions >= self.most_actions {
                 break;
             }
             let decision = acted.clock.time(|| act.step(&percept));

@@ -8,13 +8,16 @@ use crate::slow::{Moments, SlowModel};
 use crate::source::Boundary;
 use crate::value::{Fit, Transition};
 use crate::vision::Observation;
+use crate::world::Action;
 
 /// From perceive to act: what was seen at the end of an action.
 #[derive(Debug, Clone)]
 pub struct Percept {
     pub observation: Arc<Observation>,
     pub stamp_ns: u64,
-    pub sonar: Vec<f64>,
+    pub sonar: Vec<f32>,
+    /// The action that ended; none before the first.
+    pub action: Option<Action>,
     pub boundary: Boundary,
     /// Frames at which models were asked for since the percept before.
     pub asked: Vec<u64>,
@@ -23,6 +26,8 @@ pub struct Percept {
 /// From perceive to solve: everything that a new model is made of.
 pub struct SolveRequest {
     pub asked_at: u64,
+    /// Time of that frame.
+    pub stamp_ns: u64,
     pub frames: u64,
     pub dictionary: Dictionary<f32>,
     pub moments: Moments,

@@ -24,6 +24,7 @@ mod perceive;
 mod queue;
 mod record;
 mod run;
+mod schedule;
 mod solve;
 mod status;
 
@@ -31,4 +32,5 @@ pub use checkpoint::{CHECKPOINT_NAME, CheckpointError, read_checkpoint};
 pub use clock::Timing;
 pub use memory::{Memory, machine_memory};
 pub use run::{CurvePoint, Outcome, RunError, RunOptions, run};
+pub use schedule::Course;
 pub use status::{Snapshot, Status, peak_resident_bytes, resident_bytes};

@@ -7,12 +7,13 @@ use thiserror::Error;
 
 use super::crew::parallelism;
 use super::messages::{Percept, SolveRequest};
+use super::schedule::Schedule;
 use crate::dictionary::{Ald, DictionaryError, Parameters, Reservoir, Selection, width_for_size};
 use crate::kernel::{Kernel, KernelError, median_distance};
 use crate::policy::columns;
 use crate::scenario::{self, Scenario, SelectionRule};
 use crate::slow::{Link, SlowError, SlowStream, StreamOptions};
-use crate::source::{Boundary, Frame};
+use crate::source::{Boundary, Frame, View};
 use crate::value::{Transition, Window};
 use crate::vision::{Observation, Observer};
 use crate::world::Action;
@@ -72,6 +73,7 @@ pub struct Learning {
 /// Vision, dictionary, moments and window.
 pub struct Perceive {
     scenario: Arc<Scenario>,
+    schedule: Arc<Schedule>,
     par: Par,
     observer: Observer,
     stream: Option<SlowStream<f32>>,
@@ -90,11 +92,12 @@ pub struct Perceive {
 
 impl Perceive {
     /// An actor that has seen nothing.
-    pub fn new(scenario: Arc<Scenario>) -> Self {
+    pub fn new(scenario: Arc<Scenario>, schedule: Arc<Schedule>) -> Self {
         Perceive {
             window: Window::new(scenario.value.window),
             par: parallelism(&scenario.agent),
             scenario,
+            schedule,
             observer: Observer::default(),
             stream: None,
             pending: Vec::new(),
@@ -110,8 +113,14 @@ impl Perceive {
 
     /// See a frame: its observation, and at the end of an action the percept to act on.
     pub fn see(&mut self, frame: Frame) -> (Arc<Observation>, Option<Percept>) {
-        let mut pixels = Vec::new();
-        self.observer.observe(&frame.image, &self.scenario.vision, &mut pixels);
+        let pixels = match frame.view {
+            View::Observation(pixels) => pixels,
+            View::Image(image) => {
+                let mut pixels = Vec::new();
+                self.observer.observe(&image, &self.scenario.vision, &mut pixels);
+                pixels
+            }
+        };
         let observation = Arc::new(Observation { frame: frame.number, pixels });
         let follows = self.last_number.is_some_and(|last| last + 1 == frame.number);
         let link = frame.action.filter(|_| follows).map(|action| Link {
@@ -127,24 +136,25 @@ impl Perceive {
         self.last_number = Some(frame.number);
         self.stamp_ns = frame.stamp_ns;
         self.frames += 1;
-        if self.request_is_due() {
+        if self.schedule.announces(frame.number, self.schedule.is_due(self.frames)) {
             self.asked.push(frame.number);
         }
         let percept = frame.boundary.map(|boundary| Percept {
             observation: observation.clone(),
             stamp_ns: frame.stamp_ns,
             sonar: frame.sonar,
+            action: frame.action,
             boundary,
             asked: std::mem::take(&mut self.asked),
         });
         (observation, percept)
     }
 
-    /// Learn from what was seen, when a block is full or a model is due. A model that is due, but may not be asked for now,
-    /// is asked for as soon as it may.
-    pub fn learn(&mut self, may_ask: bool) -> Result<Learning, PerceiveError> {
-        self.owed |= self.request_is_due();
-        let due = self.owed && may_ask;
+    /// Learn from what was seen, when a block is full or a model is asked for. A model that is due, but is not asked for now,
+    /// is owed. `has_room`: whether the solver is free.
+    pub fn learn(&mut self, has_room: bool) -> Result<Learning, PerceiveError> {
+        self.owed |= self.schedule.is_due(self.frames);
+        let due = self.last_number.is_some_and(|frame| self.schedule.asks(frame, self.owed, has_room));
         self.owed &= !due;
         let gathering = self.stream.is_none() && self.scenario.dictionary.sigma.is_none();
         let block =
@@ -162,10 +172,6 @@ impl Perceive {
         Ok(Learning { growth, request })
     }
 
-    fn request_is_due(&self) -> bool {
-        self.frames > 0 && self.frames.is_multiple_of(self.scenario.agent.resolve_frames as u64)
-    }
-
     fn request(&mut self) -> Result<Option<SolveRequest>, PerceiveError> {
         let (Some(asked_at), Some(stream)) = (self.last_number, self.stream.as_mut()) else { return Ok(None) };
         self.last_request = Some(asked_at);
@@ -173,6 +179,7 @@ impl Perceive {
         let moments = stream.settled_moments().map_err(refuse)?.clone();
         Ok(Some(SolveRequest {
             asked_at,
+            stamp_ns: self.stamp_ns,
             frames: self.frames,
             dictionary: stream.dictionary().clone(),
             moments,

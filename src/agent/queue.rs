@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, TryRecvError, bounded};
+use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, TryRecvError, TrySendError, bounded};
 
 /// The depth of a queue, for those who watch.
 #[derive(Debug, Clone)]
@@ -52,10 +52,33 @@ impl<T> Clone for Outbox<T> {
     }
 }
 
+impl<T> Clone for Inbox<T> {
+    fn clone(&self) -> Self {
+        Inbox { receiver: self.receiver.clone(), depth: self.depth.clone() }
+    }
+}
+
 impl<T> Outbox<T> {
     /// Whether a message could be put in now without waiting. Of several senders another may be faster.
     pub fn has_room(&self) -> bool {
         !self.sender.is_full()
+    }
+
+    /// Put a message in at once: where there is no room, the oldest ones go. `taker` is the other end of this queue, of which
+    /// this side then holds a share: it does not notice any more that the other one has gone. How many went.
+    pub fn put_newest(&self, message: T, taker: &Inbox<T>) -> u64 {
+        let (mut message, mut dropped) = (message, 0);
+        self.depth.fetch_add(1, Ordering::Relaxed);
+        loop {
+            match self.sender.try_send(message) {
+                Ok(()) => return dropped,
+                Err(TrySendError::Full(back)) => message = back,
+                Err(TrySendError::Disconnected(_)) => return dropped,
+            }
+            if matches!(taker.poll(), Ok(Some(_))) {
+                dropped += 1;
+            }
+        }
     }
 
     /// Put a message in, waiting for room.

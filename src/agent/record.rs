@@ -4,13 +4,13 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::act::Decision;
-use super::messages::{Percept, Update};
+use super::messages::{Percept, SolveRequest, Update};
 use super::perceive::Growth;
 use super::queue::{Closed, Inbox, Outbox};
 use super::status::Snapshot;
 use crate::evaluate::TaskResult;
 use crate::log::messages as msg;
-use crate::log::{LogError, LogTotals, LogWriter, Message, Topic, topics};
+use crate::log::{LogError, Message, RunLog, RunTotals, Topic, topics};
 use crate::policy::{Learned, Leg};
 use crate::scenario::Scenario;
 use crate::source::Frame;
@@ -18,7 +18,7 @@ use crate::vision::Observation;
 use crate::world::{Action, Pose};
 
 /// One write, to be done by the thread that owns the file.
-pub type Write = Box<dyn FnOnce(&mut LogWriter) -> Result<(), LogError> + Send>;
+pub type Write = Box<dyn FnOnce(&mut RunLog) -> Result<(), LogError> + Send>;
 
 /// Where actors put what is to be logged.
 #[derive(Clone)]
@@ -36,14 +36,14 @@ pub enum Level {
 }
 
 /// The log actor: do all writes in their order, flush on time, and close the file at the end.
-pub fn write_log(inbox: &Inbox<Write>, mut writer: LogWriter, flush: Duration) -> Result<LogTotals, LogError> {
+pub fn write_log(inbox: &Inbox<Write>, mut log: RunLog, flush: Duration) -> Result<RunTotals, LogError> {
     loop {
         match inbox.take_within(flush / 4) {
-            Ok(Some(write)) => write(&mut writer)?,
+            Ok(Some(write)) => write(&mut log)?,
             Ok(None) => {}
-            Err(Closed) => return writer.finish(),
+            Err(Closed) => return log.finish(),
         }
-        writer.tick(Instant::now())?;
+        log.tick(Instant::now())?;
     }
 }
 
@@ -61,7 +61,7 @@ impl Recorder {
     ) -> Result<(), Closed> {
         // Sequence numbers of the format have 32 bits; they wrap, frame numbers inside of messages do not.
         let sequence = sequence as u32;
-        self.outbox.put(Box::new(move |writer| writer.write(topic, sequence, stamp_ns, &message)))
+        self.outbox.put(Box::new(move |log| log.write(topic, sequence, stamp_ns, &message)))
     }
 
     /// What was sensed with a frame, and the observation that was made of it.
@@ -77,19 +77,27 @@ impl Recorder {
             ..Default::default()
         };
         self.write(topics::ODOMETRY, number, stamp, odometry)?;
-        let reach = self.scenario.robot.sonar_range;
+        let reach = self.scenario.robot.sonar_range as f32;
         let increment = std::f32::consts::TAU / frame.sonar.len() as f32;
         let sonar = msg::LaserScan {
             header: header("base_link"),
             angle_min: 0.0,
             angle_max: std::f32::consts::TAU - increment,
             angle_increment: increment,
-            range_max: self.scenario.robot.sonar_range as f32,
+            range_max: reach,
             // REP 117: nothing within range is +∞.
-            ranges: frame.sonar.iter().map(|&range| if range < reach { range as f32 } else { f32::INFINITY }).collect(),
+            ranges: frame.sonar.iter().map(|&range| if range < reach { range } else { f32::INFINITY }).collect(),
             ..Default::default()
         };
-        self.write(topics::SONAR, number, stamp, sonar)
+        self.write(topics::SONAR, number, stamp, sonar)?;
+        let taken = msg::FrameTaken {
+            header: header("camera"),
+            frame: number,
+            action: frame.action.map_or(msg::FrameTaken::NO_ACTION, |action| action.index() as u8),
+            boundary: frame.boundary.is_some(),
+            blocked: frame.boundary.as_ref().is_some_and(|boundary| boundary.blocked),
+        };
+        self.write(topics::FRAME, number, stamp, taken)
     }
 
     /// The observation that is learned from.
@@ -172,6 +180,17 @@ impl Recorder {
         self.write(topics::DICTIONARY, growth.last_frame, growth.stamp_ns, message)
     }
 
+    /// A request for a model.
+    pub fn request(&self, request: &SolveRequest) -> Result<(), Closed> {
+        let message = msg::ModelRequest {
+            header: msg::Header::new(request.stamp_ns, ""),
+            frame: request.asked_at,
+            frames: request.frames,
+            transitions: request.window.len() as u32,
+        };
+        self.write(topics::REQUEST, request.asked_at, request.stamp_ns, message)
+    }
+
     /// A model and its policies, at the frame from which they act.
     pub fn update(&self, update: &Update, learned: &Learned, effective_at: u64, stamp_ns: u64) -> Result<(), Closed> {
         let header = msg::Header::new(stamp_ns, "");
@@ -234,7 +253,7 @@ impl Recorder {
         let message = msg::Health {
             header: msg::Header::new(status.stamp_ns, ""),
             frames: status.frames,
-            dropped_frames: 0,
+            dropped_frames: status.dropped,
             quarantined_frames: status.quarantined,
             frames_per_second,
             support_vectors: status.support_vectors as u32,
@@ -263,7 +282,7 @@ impl Recorder {
 
     /// A file kept in the log.
     pub fn attach(&self, name: &'static str, bytes: Vec<u8>, stamp_ns: u64) -> Result<(), Closed> {
-        self.outbox.put(Box::new(move |writer| writer.attach(name, "application/octet-stream", &bytes, stamp_ns)))
+        self.outbox.put(Box::new(move |log| log.attach(name, "application/octet-stream", &bytes, stamp_ns)))
     }
 }
 

@@ -12,18 +12,19 @@ use super::checkpoint::{CHECKPOINT_NAME, CheckpointError, checkpoint_bytes};
 use super::clock::{Clock, Timing};
 use super::crew::{Crew, parallelism};
 use super::fit::FitPolicies;
-use super::loops;
+use super::loops::{self, Supply};
 use super::messages::{FitRequest, Percept, SolveRequest, Update};
 use super::perceive::PerceiveError;
 use super::queue::queue;
 use super::record::{Level, Recorder, write_log};
+use super::schedule::{Course, Schedule};
 use super::solve::Solve;
 use super::status::Status;
 use crate::evaluate::Evaluator;
-use crate::log::{LogError, LogTotals, LogWriter};
+use crate::log::{LogError, RunLog, RunTotals};
 use crate::policy::{Learned, Tally};
 use crate::random::fix_parallelism;
-use crate::scenario::Scenario;
+use crate::scenario::{Scenario, WhenBehind};
 use crate::source::{Frame, Source};
 use crate::world::Action;
 
@@ -57,6 +58,10 @@ pub struct RunOptions<'a> {
     pub checkpoint: Option<&'a Path>,
     /// Trials for evaluations during the run; none without.
     pub evaluator: Option<&'a Evaluator>,
+    /// What happened in a recording that is repeated.
+    pub recording: Option<&'a Course>,
+    /// The run ends after this many actions, if that is before the scenario's end.
+    pub most_actions: Option<u64>,
 }
 
 /// One evaluation during a run.
@@ -100,8 +105,10 @@ pub struct Outcome {
     pub timing: Timing,
     /// How pursuits during the run ended, by task.
     pub pursuits: Vec<Tally>,
+    /// Frames that the source dropped.
+    pub dropped: u64,
     /// The log.
-    pub log: LogTotals,
+    pub log: RunTotals,
 }
 
 /// Run a scenario from its first frame to the closed log.
@@ -114,7 +121,7 @@ pub struct Outcome {
 pub fn run(
     scenario: &Arc<Scenario>,
     source: &mut (dyn Source + Send),
-    log: LogWriter,
+    log: RunLog,
     options: &RunOptions<'_>,
 ) -> Result<Outcome, RunError> {
     fix_parallelism();
@@ -139,6 +146,16 @@ pub fn run(
     let (writes_out, writes_in, gauge) = queue("log", 8 * capacity);
     status.watch(gauge);
     let recorder = Recorder::new(writes_out, scenario.clone());
+    let schedule = Arc::new(Schedule::new(&scenario.agent, options.recording));
+    let agent = &scenario.agent;
+    let supply = Supply {
+        actions: actions_in,
+        frames: frames_out,
+        // A recording has dropped already what it dropped.
+        drop_from: (agent.when_behind == WhenBehind::Drop && options.recording.is_none()).then(|| frames_in.clone()),
+        speed: agent.speed.filter(|_| options.recording.is_none()),
+        status,
+    };
     let flush = Duration::from_secs_f64(scenario.log.flush_seconds);
     let failed: Mutex<Option<RunError>> = Mutex::new(None);
     let (ended, over) = (AtomicBool::new(false), AtomicBool::new(false));
@@ -147,12 +164,12 @@ pub fn run(
         let crew = Crew { scope, failed: &failed, ended: &ended };
         let log_thread = crew.start("log", move || Ok(write_log(&writes_in, log, flush)?))?;
         crew.start("source", move || {
-            loops::supply(source, &actions_in, &frames_out);
+            supply.run(source);
             Ok(())
         })?;
-        let record = recorder.clone();
+        let (record, asking) = (recorder.clone(), schedule.clone());
         let perceive = crew.start("perceive", move || {
-            loops::perceive(scenario, &frames_in, &percepts_out, &solve_out, &record, status)
+            loops::perceive(scenario, &asking, &frames_in, &percepts_out, &solve_out, &record, status)
         })?;
         let solver = crew.start("solve", move || {
             let (mut solve, mut clock) = (Solve::new(&scenario.slow, par), Clock::new());
@@ -176,8 +193,10 @@ pub fn run(
         let assess =
             crew.start("assess", move || loops::assess(&assess_in, evaluator, checkpoint, scenario, &record, status))?;
         let (record, stop, ended) = (recorder.clone(), options.stop, &ended);
+        let most_actions = options.most_actions.unwrap_or(u64::MAX).min(scenario.actions as u64);
         let act = crew.start("act", move || {
-            let deciding = loops::Deciding { scenario, record: &record, status, stop, ended };
+            let deciding =
+                loops::Deciding { scenario, schedule: &schedule, most_actions, record: &record, status, stop, ended };
             deciding.run(&percepts_in, &updates_in, actions_out, &assess_out)
         })?;
         let record = recorder.clone();
@@ -239,6 +258,7 @@ pub fn run(
             refit_max: refit.max_ms(),
         },
         pursuits: acted.pursuits,
+        dropped: status.snapshot().dropped,
         log: log.ok().flatten().ok_or_else(|| lost("log"))?,
     })
 }

@@ -14,6 +14,8 @@ pub struct Snapshot {
     pub actions: usize,
     /// Simulated or real time of the newest frame, nanoseconds since 1970.
     pub stamp_ns: u64,
+    /// Frames that the source dropped, because they were not taken in time.
+    pub dropped: u64,
     /// Frames left out of learning, because their values are not finite.
     pub quarantined: u64,
     /// Support vectors.

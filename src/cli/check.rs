@@ -73,6 +73,13 @@ struct Checked {
     damaged_records: u64,
     missing_observations: u64,
     out_of_order: u64,
+    clock_steps: usize,
+    /// Frames that the source dropped, up to the end of this file; they are missing observations, too.
+    dropped_frames: u64,
+    /// Observations that are missing between the file before and this one.
+    missing_before: u64,
+    /// It was not closed, but the next file goes on with the next observation.
+    continued: bool,
 }
 
 impl Checked {
@@ -90,11 +97,22 @@ impl Checked {
             damaged_records: summary.damaged,
             missing_observations: summary.missing,
             out_of_order: summary.out_of_order,
+            clock_steps: summary.clock_steps.len(),
+            dropped_frames: summary.dropped,
+            missing_before: 0,
+            continued: false,
         }
     }
 
-    fn is_whole(&self) -> bool {
-        self.complete && self.damaged_records == 0 && self.missing_observations == 0 && self.out_of_order == 0
+    /// Everything is there that was recorded: a run that was killed and resumed has lost nothing, although a file of it was
+    /// never closed. Frames that were dropped were never recorded, and are no damage of the log.
+    fn is_whole(&self, dropped_before: u64) -> bool {
+        let dropped = self.dropped_frames.saturating_sub(dropped_before);
+        let missing = self.missing_observations + self.missing_before;
+        (self.continued || self.complete && self.damaged_records == 0)
+            && missing <= dropped
+            && self.out_of_order == 0
+            && self.clock_steps == 0
     }
 }
 
@@ -103,25 +121,45 @@ fn logs(run: &Path, json: bool) -> Ending {
         Ok(files) => files,
         Err(ending) => return ending,
     };
-    let mut checked = Vec::new();
+    let mut checked: Vec<Checked> = Vec::new();
+    let mut last = None;
     for file in files {
-        match summarise(&file) {
-            Ok(summary) => checked.push(Checked::new(&file, &summary)),
+        let summary = match summarise(&file) {
+            Ok(summary) => summary,
             Err(error) => return Ending::failed(error),
+        };
+        let mut this = Checked::new(&file, &summary);
+        if let Some((first, end)) = summary.observations {
+            // Numbers wrap around; a file that begins again before the last one ended would be out of order.
+            match last.map(|last: u32| first.wrapping_sub(last)) {
+                None | Some(1) => {}
+                Some(0 | 0x8000_0000..) => this.out_of_order += 1,
+                Some(ahead) => this.missing_before = u64::from(ahead) - 1,
+            }
+            if let Some(before) = checked.last_mut().filter(|before| !before.complete) {
+                before.continued = this.missing_before == 0 && this.out_of_order == 0;
+            }
+            last = Some(end);
+        } else if let Some(before) = checked.last_mut().filter(|before| !before.complete) {
+            // Nothing was left to record but the end of the run.
+            before.continued = this.complete;
         }
+        checked.push(this);
     }
     let mut text = String::new();
-    if !json {
-        for file in &checked {
-            let _ = writeln!(text, "{}: {} messages, {}", file.file, Numbered(file.messages), file.ending);
-            for (count, what) in [
-                (file.damaged_records, "damaged records"),
-                (file.missing_observations, "observations missing"),
-                (file.out_of_order, "observations out of order"),
-            ] {
-                if count > 0 {
-                    let _ = writeln!(text, "  {} {what}", Numbered(count));
-                }
+    for file in checked.iter().filter(|_| !json) {
+        let continued = if file.continued { "; nothing is lost, the next file goes on" } else { "" };
+        let _ = writeln!(text, "{}: {} messages, {}{continued}", file.file, Numbered(file.messages), file.ending);
+        for (count, what) in [
+            (file.damaged_records, "damaged records"),
+            (file.missing_before, "observations missing between the file before and this one"),
+            (file.missing_observations, "observations missing"),
+            (file.dropped_frames, "frames dropped by the source so far"),
+            (file.out_of_order, "observations out of order"),
+            (file.clock_steps as u64, "steps of the clock"),
+        ] {
+            if count > 0 {
+                let _ = writeln!(text, "  {} {what}", Numbered(count));
             }
         }
     }
@@ -129,10 +167,10 @@ fn logs(run: &Path, json: bool) -> Ending {
     if printed != Ending::Done {
         return printed;
     }
-    let bad = checked.iter().filter(|file| !file.is_whole()).count();
-    if bad == 0 {
-        Ending::Done
-    } else {
-        Ending::DataLoss(format!("{bad} of {} log files are not whole", checked.len()))
+    let mut dropped = 0;
+    let bad = checked.iter().filter(|file| !file.is_whole(std::mem::replace(&mut dropped, file.dropped_frames)));
+    match bad.count() {
+        0 => Ending::Done,
+        bad => Ending::DataLoss(format!("{bad} of {} log files are not whole", checked.len())),
     }
 }

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::Ending;
 use crate::agent::{CHECKPOINT_NAME, read_checkpoint};
+use crate::log::run::log_number;
 use crate::log::{LogReader, Record};
 use crate::policy::Learned;
 use crate::scenario::Scenario;
@@ -58,7 +59,9 @@ pub fn logs(run: &Path) -> Result<Vec<PathBuf>, Ending> {
         .filter_map(|entry| entry.ok().map(|entry| entry.path()))
         .filter(|path| path.extension().is_some_and(|extension| extension == "mcap"))
         .collect();
-    files.sort();
+    // By number: run_1000 comes after run_999.
+    let number = |path: &PathBuf| log_number(path).map_or((1, 0), |number| (0, number));
+    files.sort_by(|a, b| number(a).cmp(&number(b)).then_with(|| a.cmp(b)));
     if files.is_empty() {
         return Err(Ending::Failed(format!("{} holds no .mcap file: it is not a run folder", run.display())));
     }

@@ -3,10 +3,15 @@
 //! Results go to stdout, diagnostics and progress to stderr. Commands say how they ended; only `main` knows exit codes.
 
 mod check;
+mod compare;
+mod drive;
 mod evaluate;
 mod folder;
 mod info;
 mod progress;
+mod recover;
+mod replay;
+mod resume;
 mod run;
 
 use std::io::{ErrorKind, Write};
@@ -63,6 +68,14 @@ pub enum Command {
     Info(InfoArgs),
     /// Try a run's policies from random starts.
     Evaluate(EvaluateArgs),
+    /// Learn from a run's recorded frames again, with the same or other settings; or verify that they give the same.
+    Replay(ReplayArgs),
+    /// Go on with a run that was interrupted: nothing that it had recorded is lost.
+    Resume(ResumeArgs),
+    /// Copy what can be read of a damaged log into a new, clean file, and say what is lost.
+    Recover(RecoverArgs),
+    /// Say in what two runs differ.
+    Compare(CompareArgs),
 }
 
 /// Arguments of `adagio run`.
@@ -129,6 +142,72 @@ pub struct EvaluateArgs {
     pub json: bool,
 }
 
+/// Arguments of `adagio replay`.
+#[derive(Debug, Args)]
+pub struct ReplayArgs {
+    /// Run folder or .mcap file.
+    pub run: PathBuf,
+    /// Change a key of the scenario, such as slow.features=100 or task.0.goal=[1.0, 0.5]; repeatable. Keys of vision cannot be
+    /// changed: the log holds what vision made of the camera's images.
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+    /// Compare with the recording message by message and name the first difference; nothing is written.
+    #[arg(long, conflicts_with = "out")]
+    pub verify: bool,
+    /// Folder for the new run, which must not exist yet [default: a new one under logs/].
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// No progress on stderr.
+    #[arg(long)]
+    pub quiet: bool,
+    /// Machine-readable result.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `adagio resume`.
+#[derive(Debug, Args)]
+pub struct ResumeArgs {
+    /// Run folder.
+    pub run: PathBuf,
+    /// No progress on stderr.
+    #[arg(long)]
+    pub quiet: bool,
+    /// Print report.json instead of a table.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `adagio recover`.
+#[derive(Debug, Args)]
+pub struct RecoverArgs {
+    /// Log file, of this or any other program.
+    pub file: PathBuf,
+    /// The new file, which must not exist yet [default: FILE with .recovered.mcap for .mcap].
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// Machine-readable result.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `adagio compare`.
+#[derive(Debug, Args)]
+pub struct CompareArgs {
+    /// Run folder or .mcap file.
+    pub a: PathBuf,
+    /// Another one.
+    pub b: PathBuf,
+    /// Machine-readable result.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Whether a command has something to finish when it is interrupted.
+pub fn finishes(command: &Command) -> bool {
+    matches!(command, Command::Run(_) | Command::Replay(_) | Command::Resume(_))
+}
+
 /// Do what the command line says; `stop` ends a run cleanly when it is set.
 pub fn dispatch(cli: Cli, stop: &AtomicBool) -> Ending {
     match cli.command {
@@ -136,6 +215,10 @@ pub fn dispatch(cli: Cli, stop: &AtomicBool) -> Ending {
         Command::Check(args) => check::check(&args),
         Command::Info(args) => info::info(&args),
         Command::Evaluate(args) => evaluate::evaluate(&args),
+        Command::Replay(args) => replay::replay(&args, stop),
+        Command::Resume(args) => resume::resume(&args, stop),
+        Command::Recover(args) => recover::recover(&args),
+        Command::Compare(args) => compare::compare(&args),
     }
 }
 

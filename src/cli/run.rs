@@ -1,16 +1,14 @@
 //! `adagio run SCENARIO`
 
-use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
+use std::sync::atomic::AtomicBool;
 
-use super::{Ending, RunArgs, folder, print, print_json, progress};
-use crate::agent::{self, CHECKPOINT_NAME, Memory, Outcome, RunOptions, Status};
-use crate::evaluate::{Evaluator, decode_pose};
-use crate::log::{LogOptions, LogWriter};
-use crate::report::{OVERVIEW_NAME, Program, Report, overview, table};
+use super::drive::{self, Drive, log_options, metadata};
+use super::{Ending, RunArgs, folder};
+use crate::agent::{self, Memory};
+use crate::log::{Folder, RunLog};
+use crate::report::{Origin, Report};
 use crate::scenario::{OverMemory, Scenario, ScenarioError};
 use crate::source::Simulated;
 use crate::world::World;
@@ -28,11 +26,7 @@ pub fn run(args: &RunArgs, stop: &AtomicBool) -> Ending {
         Ok(run) => run,
         Err(ending) => return ending,
     };
-    match in_folder(&scenario, &run, args, stop) {
-        Ok(report) if args.json => print_json(&report),
-        Ok(report) => print(&format!("{}kept in {}\n", table(&report), run.display())),
-        Err(reason) => Ending::Failed(format!("{reason}\nwhat was recorded is kept in {}", run.display())),
-    }
+    drive::ending(in_folder(&scenario, &run, args, stop), &run, args.json)
 }
 
 /// Read a scenario; a file that cannot be read, or is not valid, or needs more memory than there is, is wrong usage.
@@ -85,72 +79,12 @@ fn largest_budget(scenario: &Scenario, allowed: u64) -> Option<usize> {
 }
 
 fn in_folder(scenario: &Arc<Scenario>, run: &Path, args: &RunArgs, stop: &AtomicBool) -> Result<Report, String> {
-    let text = |error: &dyn std::fmt::Display| error.to_string();
-    let write = |name: &str, bytes: &[u8]| {
-        let path = run.join(name);
-        std::fs::write(&path, bytes).map_err(|cause| format!("cannot write {}: {cause}", path.display()))
-    };
-    write("scenario.toml", scenario.text.as_bytes())?;
-    let options = LogOptions {
-        compression: scenario.log.compression,
-        chunk_bytes: scenario.log.chunk_bytes as u64,
-        flush_interval: Duration::from_secs_f64(scenario.log.flush_seconds),
-    };
-    let log_path = run.join("run_000.mcap");
-    let log = LogWriter::create(&log_path, &options, &metadata(scenario)).map_err(|e| text(&e))?;
-    let world = Arc::new(World::new(scenario).map_err(|e| text(&e))?);
-    let starts = scenario.evaluate.starts;
-    let evaluator = Evaluator::new(scenario.clone(), world.clone(), starts, scenario.seed);
+    drive::write(run, "scenario.toml", scenario.text.as_bytes())?;
+    let (origin, (options, rotation)) = (Origin::default(), log_options(scenario));
+    let log = RunLog::create(Folder::new(run), &options, rotation, &metadata(scenario, &origin));
+    let log = log.map_err(|error| error.to_string())?;
+    let world = Arc::new(World::new(scenario).map_err(|error| error.to_string())?);
     let mut source = Simulated::new(scenario.clone(), world.clone());
-    let checkpoint = run.join(CHECKPOINT_NAME);
-    let (status, over) = (Status::default(), AtomicBool::new(false));
-    let outcome = std::thread::scope(|scope| {
-        if !args.quiet {
-            scope.spawn(|| progress::show(&status, scenario.actions as u64, &over));
-        }
-        let options = RunOptions { stop, status: &status, checkpoint: Some(&checkpoint), evaluator: Some(&evaluator) };
-        // Also if the run panics: the progress thread must end, or this scope never does.
-        let _over = SetWhenDropped(&over);
-        agent::run(scenario, &mut source, log, &options)
-    });
-    let outcome: Outcome = outcome.map_err(|e| text(&e))?;
-    let (mut tasks, mut pose) = (Vec::new(), None);
-    if let Some(learned) = &outcome.learned {
-        if !args.quiet {
-            eprintln!("evaluating {starts} starts per task, with and without reflexes");
-        }
-        tasks = evaluator.evaluate(learned, true);
-        pose = decode_pose(scenario, &world, learned, scenario.seed)
-            .inspect_err(|error| eprintln!("warning: the pose cannot be decoded: {error}"))
-            .ok();
-    }
-    let report = Report::new(scenario, &outcome, tasks, pose);
-    let json = serde_json::to_string_pretty(&report).map_err(|e| text(&e))?;
-    write("report.json", json.as_bytes())?;
-    // The picture shows what is kept elsewhere already: a run does not fail for it.
-    let drawn = overview(scenario, &world, outcome.learned.as_deref(), &report, &log_path).map_err(|e| text(&e));
-    if let Err(reason) = drawn.and_then(|picture| write(OVERVIEW_NAME, picture.as_bytes())) {
-        eprintln!("warning: there is no {OVERVIEW_NAME}: {reason}");
-    }
-    Ok(report)
-}
-
-struct SetWhenDropped<'a>(&'a AtomicBool);
-
-impl Drop for SetWhenDropped<'_> {
-    fn drop(&mut self) {
-        self.0.store(true, Ordering::Relaxed);
-    }
-}
-
-fn metadata(scenario: &Scenario) -> BTreeMap<String, String> {
-    let program = Program::this();
-    BTreeMap::from([
-        ("scenario".to_owned(), scenario.text.clone()),
-        ("scenario_name".to_owned(), scenario.name.clone()),
-        ("scenario_sha256".to_owned(), scenario.sha256()),
-        ("seed".to_owned(), scenario.seed.to_string()),
-        ("version".to_owned(), program.version.to_owned()),
-        ("commit".to_owned(), program.commit.unwrap_or("unknown").to_owned()),
-    ])
+    let (quiet, recording, most_actions) = (args.quiet, None, None);
+    Drive { scenario, world: &world, run, stop, quiet, recording, most_actions, origin }.go(&mut source, log)
 }

@@ -43,6 +43,17 @@ pub enum LogError {
         /// The first failure, also when a later call reports it.
         cause: String,
     },
+    /// A run that goes on does not repeat what its log holds.
+    #[error(
+        "message {sequence} on {topic} is not the one that the log holds: this program does not repeat the run (was it recorded \
+         by another version?); `adagio replay --verify` names the first difference"
+    )]
+    Differs {
+        /// The topic.
+        topic: &'static str,
+        /// Sequence number of the message.
+        sequence: u32,
+    },
     /// A topic that is not in the table of topics.
     #[error("topic {topic} is not one of this log's channels: add it to `log::topics`")]
     UnknownTopic {

@@ -1,34 +1,46 @@
-//! The log: one MCAP file per run, which other tools of robotics open as it is.
+//! The log: one or more MCAP files per run, which other tools of robotics open as it is.
 //!
 //! The profile is `ros2`: each channel holds CDR bodies, and the full text of its message
 //! definition is in the file. Nothing has to be configured to read it elsewhere.
 //!
 //! ```text
-//!  message ──cdr──▶ writer ──chunks──▶ file ──▶ reader ──records──▶ cdr ──▶ message
-//!     messages        topics: which message is on which topic        summary
+//!  message ──cdr──▶ run ──▶ writer ──chunks──▶ file ──▶ reader ──records──▶ cdr ──▶ message
+//!     messages       files      topics: which message is on which topic      summary
 //! ```
 //!
 //! - [`messages`]: the message types and their definitions.
 //! - [`cdr`]: a message as bytes and back, safe on hostile bytes.
 //! - [`topics`]: the table of topics; a topic fixes its message type at compile time.
+//! - [`run`]: the files of a run: rotation, a disk budget, a new file after a failure.
+//! - [`expected`]: what a run that is repeated must log again.
 //! - [`writer`]: append only, so that a killed process leaves a log that can be read.
+//! - [`files`]: the files of a run as one.
 //! - [`reader`]: bounded memory, never a panic, goes on after a damaged chunk.
+//! - [`recover`]: a clean file from a damaged one.
 //! - [`summary`]: what is in a log, in one pass.
 
 pub mod cdr;
 pub mod error;
+pub mod expected;
+pub mod files;
 pub mod messages;
 pub mod reader;
+pub mod recover;
+pub mod run;
 pub mod summary;
 pub mod topics;
 pub mod writer;
 
 pub use error::LogError;
+pub use expected::{Difference, Expected};
+pub use files::FilesReader;
 pub use messages::Message;
-pub use reader::{Ending, LogReader, Record};
+pub use reader::{Channel, Ending, LogReader, Record};
+pub use recover::{Recovered, recover};
+pub use run::{Folder, Rotation, RunLog, RunTotals, Storage, log_files};
 pub use summary::{LogSummary, summarise};
 pub use topics::Topic;
-pub use writer::{Compression, LogOptions, LogTotals, LogWriter};
+pub use writer::{Compression, FileTotals, LogOptions, LogWriter};
 
 /// Largest message body, bytes. The writer refuses more; a 2048 × 2048 RGB image fits.
 pub const MAX_MESSAGE_BYTES: u64 = 16 << 20;

@@ -2,6 +2,7 @@
 
 use std::{collections::BTreeMap, path::Path};
 
+use super::messages::Health;
 use super::{Ending, LogError, LogReader, Record, topics};
 
 /// Holes that a summary lists one by one; further ones are only counted.
@@ -15,6 +16,20 @@ pub struct Hole {
     /// Sequence number behind it.
     pub before: u32,
 }
+
+/// The clock of the observations jumped.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ClockStep {
+    /// Sequence number of the observation before.
+    pub after: u32,
+    /// Its stamp, nanoseconds.
+    pub from_ns: u64,
+    /// The stamp of the next observation, nanoseconds.
+    pub to_ns: u64,
+}
+
+/// A step forward is longer than this many times the one before, and than a second.
+const LONG_STEP: u64 = 100;
 
 /// What is in a log.
 #[derive(Clone, Debug, PartialEq)]
@@ -37,6 +52,12 @@ pub struct LogSummary {
     pub missing: u64,
     /// Observations whose sequence number is not above the one before.
     pub out_of_order: u64,
+    /// Sequence numbers of the first and the last observation.
+    pub observations: Option<(u32, u32)>,
+    /// Where the clock goes backwards, or forward much further than before; at most [`MOST_HOLES`].
+    pub clock_steps: Vec<ClockStep>,
+    /// Frames that the source dropped, up to the end of this file.
+    pub dropped: u64,
 }
 
 /// Reads a log from start to end and sums up what is in it. Damage is part of the result.
@@ -57,22 +78,25 @@ pub fn summarise(path: &Path) -> Result<LogSummary, LogError> {
         holes: Vec::new(),
         missing: 0,
         out_of_order: 0,
+        observations: None,
+        clock_steps: Vec::new(),
+        dropped: 0,
     };
-    let mut last_observation = None;
-    for record in reader.by_ref() {
-        match record {
-            Ok(Record::Message { topic, sequence, log_time_ns, .. }) => {
-                summary.count(&topic, log_time_ns);
-                if *topic == *topics::OBSERVATION.name() {
-                    summary.follow(last_observation.replace(sequence), sequence);
+    let mut clock = Clock::default();
+    loop {
+        for record in reader.by_ref() {
+            match record {
+                Ok(record @ Record::Message { .. }) => summary.message(&record, &mut clock),
+                Ok(Record::Metadata { name, map }) => {
+                    summary.metadata.insert(name, map);
                 }
+                Ok(Record::Attachment { .. }) => {}
+                Err(error @ LogError::Read { .. }) => return Err(error),
+                Err(_) => summary.damaged += 1,
             }
-            Ok(Record::Metadata { name, map }) => {
-                summary.metadata.insert(name, map);
-            }
-            Ok(Record::Attachment { .. }) => {}
-            Err(error @ LogError::Read { .. }) => return Err(error),
-            Err(_) => summary.damaged += 1,
+        }
+        if !reader.go_on()? {
+            break;
         }
     }
     if let Some(ending) = reader.ending() {
@@ -81,7 +105,43 @@ pub fn summarise(path: &Path) -> Result<LogSummary, LogError> {
     Ok(summary)
 }
 
+/// The stamps of the last observations.
+#[derive(Default)]
+struct Clock {
+    last: Option<(u32, u64)>,
+    step_ns: Option<u64>,
+}
+
 impl LogSummary {
+    fn message(&mut self, record: &Record, clock: &mut Clock) {
+        let Record::Message { topic, sequence, log_time_ns, .. } = record else { return };
+        self.count(topic, *log_time_ns);
+        if **topic == *topics::HEALTH.name()
+            && let Ok(health) = record.decode::<Health>()
+        {
+            self.dropped = self.dropped.max(health.dropped_frames);
+        }
+        if **topic != *topics::OBSERVATION.name() {
+            return;
+        }
+        let last = clock.last.replace((*sequence, *log_time_ns));
+        self.follow(last.map(|(sequence, _)| sequence), *sequence);
+        self.observations = Some((self.observations.map_or(*sequence, |(first, _)| first), *sequence));
+        let Some((after, from_ns)) = last else { return };
+        let step = log_time_ns.checked_sub(from_ns);
+        // Frames that are missing take their time, too.
+        let frames = u64::from(sequence.wrapping_sub(after)).max(1);
+        let usual =
+            clock.step_ns.map_or(u64::MAX, |usual| usual.max(1).saturating_mul(LONG_STEP).saturating_mul(frames));
+        let jumps = step.is_none_or(|step| step > usual && step > 1_000_000_000);
+        if jumps && self.clock_steps.len() < MOST_HOLES {
+            self.clock_steps.push(ClockStep { after, from_ns, to_ns: *log_time_ns });
+        }
+        if !jumps {
+            clock.step_ns = step.map(|step| step / frames);
+        }
+    }
+
     fn count(&mut self, topic: &str, stamp_ns: u64) {
         match self.messages.get_mut(topic) {
             Some(count) => *count += 1,

@@ -4,11 +4,11 @@
 
 use std::{fmt, marker::PhantomData};
 
-use super::Message;
 use super::messages::{
-    Decision, DictionaryGrowth, Evaluation, Health, Image, LaserScan, Log, ModelUpdate, Odometry, PolicyUpdate,
-    PoseStamped, Transition, TwistStamped,
+    Decision, DictionaryGrowth, Evaluation, FrameTaken, Health, Image, LaserScan, Log, ModelRequest, ModelUpdate,
+    Odometry, PolicyUpdate, PoseStamped, Transition, TwistStamped,
 };
+use super::{Message, cdr};
 
 /// A topic whose messages are of type `M`.
 pub struct Topic<M> {
@@ -64,6 +64,14 @@ macro_rules! topics {
     ($($(#[$doc:meta])* $constant:ident: $message:ident = $name:literal;)+) => {
         $($(#[$doc])* pub const $constant: Topic<$message> = Topic::new($name);)+
 
+        /// A message of a topic as JSON; none if the topic is not known or the bytes are no such message.
+        pub fn to_json(topic: &str, body: &[u8]) -> Option<serde_json::Value> {
+            $(if topic == $constant.name() {
+                return serde_json::to_value(cdr::decode::<$message>(body).ok()?).ok();
+            })+
+            None
+        }
+
         /// Every topic of a log; each log has a channel for each, also while it is silent.
         pub const ALL: &[TopicInfo] = &[$($constant.info()),+];
     };
@@ -80,12 +88,16 @@ topics! {
     SONAR: LaserScan = "/sonar";
     /// Velocity that was commanded.
     COMMAND: TwistStamped = "/cmd_vel";
+    /// Frames taken from the source.
+    FRAME: FrameTaken = "/adagio/frame";
     /// Actions chosen.
     DECISION: Decision = "/adagio/decision";
     /// Actions completed.
     TRANSITION: Transition = "/adagio/transition";
     /// Growth of the dictionary.
     DICTIONARY: DictionaryGrowth = "/adagio/dictionary";
+    /// Models asked for.
+    REQUEST: ModelRequest = "/adagio/request";
     /// New feature models.
     MODEL: ModelUpdate = "/adagio/model";
     /// New policies.

@@ -34,7 +34,7 @@ impl Walk {
     }
 
     /// The next action, of those that sonar and reflexes allow.
-    pub fn choose(&mut self, sonar: &[f64], reflexes: Reflexes, recent: Recent) -> Action {
+    pub fn choose(&mut self, sonar: &[f32], reflexes: Reflexes, recent: Recent) -> Action {
         let heeds = self.rng.random_range(0.0..1.0) < self.heed;
         let free = !heeds || clearance_ahead(sonar, self.radius) >= self.stop;
         let turn = 0.5 * (1.0 - self.forward_probability);
@@ -64,9 +64,9 @@ impl Walk {
 /// How far a disc can drive straight ahead before it meets something that the sonars hear, metres.
 ///
 /// `sonar`: distances from the centre in equal angles, the first straight ahead, counter-clockwise.
-pub fn clearance_ahead(sonar: &[f64], radius: f64) -> f64 {
+pub fn clearance_ahead(sonar: &[f32], radius: f64) -> f64 {
     let mut clearance = f64::INFINITY;
-    for (i, &distance) in sonar.iter().enumerate() {
+    for (i, distance) in sonar.iter().map(|&distance| f64::from(distance)).enumerate() {
         let angle = std::f64::consts::TAU * i as f64 / sonar.len() as f64;
         let (ahead, aside) = (distance * angle.cos(), distance * angle.sin());
         if ahead > 0.0 && aside.abs() < radius {
@@ -85,7 +85,7 @@ mod tests {
         Walk { forward_probability: 0.6, stop: 0.1, heed: 1.0, radius: 0.25, rng: stream(1, "test") }
     }
 
-    fn shares(sonar: &[f64], recent: Recent) -> [f64; 3] {
+    fn shares(sonar: &[f32], recent: Recent) -> [f64; 3] {
         let reflexes = Reflexes { no_repeat_blocked: true, no_undo_turn: true };
         let mut walk = walk();
         let mut counts = [0u32; 3];
@@ -112,9 +112,9 @@ mod tests {
     fn clearance_counts_what_a_disc_would_touch() {
         assert!((clearance_ahead(&[1.0, 5.0, 5.0, 5.0], 0.25) - 0.75).abs() < 1e-12);
         // 0.2 m aside at 45°: in the way; a wall beside the disc is not.
-        let aside = (2.0f64 * 0.2 * 0.2).sqrt();
+        let aside = (2.0f32 * 0.2 * 0.2).sqrt();
         let found = clearance_ahead(&[5.0, aside, 5.0, 5.0, 5.0, 5.0, 5.0, 5.0], 0.25);
-        assert!((found - (0.2 - 0.15)).abs() < 1e-9);
-        assert_eq!(clearance_ahead(&[f64::INFINITY, 0.26, 5.0, 0.26], 0.25), f64::INFINITY);
+        assert!((found - (0.2 - 0.15)).abs() < 1e-7);
+        assert_eq!(clearance_ahead(&[f32::INFINITY, 0.26, 5.0, 0.26], 0.25), f64::INFINITY);
     }
 }

@@ -88,8 +88,19 @@ pub struct Run {
     pub quarantined_frames: u64,
     /// Whether the run continued an earlier one.
     pub resumed: bool,
+    /// The run whose recorded frames this one was given, if it was.
+    pub replay_of: Option<String>,
     /// Why the newest model could not be made, if it could not.
     pub without_model: Option<String>,
+}
+
+/// Where a run's frames came from, if not from a robot alone.
+#[derive(Debug, Clone, Default)]
+pub struct Origin {
+    /// It went on with an earlier one.
+    pub resumed: bool,
+    /// The run whose recorded frames it was given.
+    pub replay_of: Option<String>,
 }
 
 /// The dictionary.
@@ -130,8 +141,12 @@ pub struct Log {
     pub files: u64,
     /// Bytes in all files.
     pub bytes: u64,
-    /// Messages in all files.
+    /// Messages that this program wrote, in all files.
     pub messages: u64,
+    /// Files that were deleted to stay within the budget.
+    pub deleted_files: u64,
+    /// Files that could not be written any further, and why; no message was lost.
+    pub failures: Vec<String>,
 }
 
 /// How pursuits of a task during the run ended.
@@ -152,6 +167,7 @@ impl Report {
         outcome: &Outcome,
         tasks: Vec<TaskResult>,
         pose_decode: Option<PoseDecode>,
+        origin: Origin,
     ) -> Self {
         let learned = outcome.learned.as_deref();
         Report {
@@ -162,9 +178,10 @@ impl Report {
                 frames: outcome.frames,
                 seconds: outcome.seconds,
                 frames_per_second: outcome.frames as f64 / outcome.seconds,
-                dropped_frames: 0,
+                dropped_frames: outcome.dropped,
                 quarantined_frames: outcome.quarantined,
-                resumed: false,
+                resumed: origin.resumed,
+                replay_of: origin.replay_of,
                 without_model: outcome.without_model.clone(),
             },
             dictionary: learned.map(|learned| Dictionary {
@@ -183,7 +200,13 @@ impl Report {
             timing_ms: outcome.timing.clone(),
             curve: outcome.curve.clone(),
             memory: Memory { peak_rss_bytes: peak_resident_bytes() },
-            log: Log { files: 1, bytes: outcome.log.bytes, messages: outcome.log.messages },
+            log: Log {
+                files: outcome.log.files,
+                bytes: outcome.log.bytes,
+                messages: outcome.log.messages,
+                deleted_files: outcome.log.deleted_files,
+                failures: outcome.log.failures.clone(),
+            },
             pursuits: scenario
                 .tasks
                 .iter()

@@ -1,7 +1,7 @@
 //! `overview.svg`: what came out of a run, at one glance.
 
 use std::io::Cursor;
-use std::path::Path;
+use std::path::PathBuf;
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
@@ -84,9 +84,9 @@ pub fn overview(
     world: &World,
     learned: Option<&Learned>,
     report: &Report,
-    log: &Path,
+    logs: Vec<PathBuf>,
 ) -> Result<String, PictureError> {
-    let path = room::last_poses(log, PATH_ACTIONS * scenario.robot.frames_per_action + 1)?;
+    let path = room::last_poses(logs, PATH_ACTIONS * scenario.robot.frames_per_action + 1)?;
     let tasks = scenario.tasks.len().min(MOST_TASKS);
     let survey = learned.map(|learned| Survey::new(scenario, world, learned, tasks));
     let shown = Shown { scenario, world, path: &path, survey: survey.as_ref() };

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
-use std::path::Path;
+use std::path::PathBuf;
 
 use nalgebra::{Point2, Vector2};
 use plotters::coord::Shift;
@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 use super::picture::{DrawError, INK, SMALL, text};
 use crate::log::messages::PoseStamped;
-use crate::log::{LogError, LogReader, Record, topics};
+use crate::log::{FilesReader, LogError, Record, topics};
 use crate::policy::Learned;
 use crate::scenario::{Plan, Scenario, Task, plan_segments};
 use crate::vision::observe;
@@ -47,13 +47,13 @@ pub fn colour(share: f64) -> RGBColor {
     RGBColor(r, g, b)
 }
 
-/// The last poses that a log holds, at most `most` of them, oldest first.
+/// The last poses that the files of a log hold, at most `most` of them, oldest first.
 ///
 /// # Errors
 /// The log cannot be opened or read; damage within it costs the poses there.
-pub fn last_poses(log: &Path, most: usize) -> Result<Vec<Pose>, LogError> {
+pub fn last_poses(logs: Vec<PathBuf>, most: usize) -> Result<Vec<Pose>, LogError> {
     let mut poses = VecDeque::new();
-    for record in LogReader::open(log)?.without_attachments() {
+    for record in FilesReader::new(logs) {
         match record {
             Ok(record @ Record::Message { .. }) => {
                 if !matches!(&record, Record::Message { topic, .. } if **topic == *topics::POSE.name()) {
@@ -65,7 +65,7 @@ pub fn last_poses(log: &Path, most: usize) -> Result<Vec<Pose>, LogError> {
                 }
                 poses.push_back(Pose::new(Point2::new(pose.position.x, pose.position.y), pose.heading()));
             }
-            Err(error @ LogError::Read { .. }) => return Err(error),
+            Err(error @ (LogError::Open { .. } | LogError::Read { .. })) => return Err(error),
             Ok(_) | Err(_) => {}
         }
     }

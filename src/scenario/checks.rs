@@ -4,11 +4,12 @@ use nalgebra::Point2;
 
 use super::keys::Reader;
 use super::plan::{Plan, PlanFault, clearance};
-use super::sections::{Detail, Scenario};
+use super::sections::{Detail, Mode, Scenario, WhenBehind};
 
 /// Report what does not fit together.
 pub(super) fn check(s: &Scenario, reader: &mut Reader<'_>) {
     counts(s, reader);
+    modes(s, reader);
     tasks(s, reader);
     if s.world.walls.is_empty() {
         if reader.sound(&["world"]) {
@@ -81,6 +82,30 @@ fn counts(s: &Scenario, reader: &mut Reader<'_>) {
             s.agent.resolve_frames - 1
         );
         reader.fault_at("agent.latency_frames", text);
+    }
+}
+
+/// Keys that go together only in one way.
+fn modes(s: &Scenario, reader: &mut Reader<'_>) {
+    let (agent, log) = (&s.agent, &s.log);
+    if agent.mode == Mode::Lockstep
+        && agent.when_behind == WhenBehind::Drop
+        && reader.sound(&["agent.mode", "agent.when_behind"])
+    {
+        let text = "= \"drop\" needs agent.mode = \"realtime\": what is dropped depends on time, and lockstep does not";
+        reader.fault_at("agent.when_behind", text.into());
+    }
+    if let Some(budget) = log.budget_mb
+        && budget < 2.0 * log.file_mb
+        && reader.sound(&["log.budget_mb", "log.file_mb"])
+    {
+        let text = format!(
+            "= {budget} is less than two files of log.file_mb = {}: it must be at least {}, since the file that is being \
+             written is never deleted",
+            log.file_mb,
+            2.0 * log.file_mb
+        );
+        reader.fault_at("log.budget_mb", text);
     }
 }
 

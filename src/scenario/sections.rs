@@ -312,6 +312,10 @@ pub struct Agent {
     pub memory_gb: Option<f64>,
     /// What to do where a run would need more.
     pub over_memory: OverMemory,
+    /// What happens to frames that are not taken in time.
+    pub when_behind: WhenBehind,
+    /// Times real time at which a simulated robot drives; `None`: as fast as its frames are taken.
+    pub speed: Option<f64>,
 }
 
 /// `[evaluate]`
@@ -329,6 +333,15 @@ pub struct Evaluate {
     pub decode_test: usize,
 }
 
+/// What happens to frames that are not taken in time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum WhenBehind {
+    /// The source waits.
+    Wait,
+    /// The oldest ones are dropped, counted and reported.
+    Drop,
+}
+
 /// `[log]`
 #[derive(Debug, Clone, PartialEq)]
 pub struct Log {
@@ -338,6 +351,12 @@ pub struct Log {
     pub chunk_bytes: usize,
     /// Longest time that a message stays in memory only, seconds.
     pub flush_seconds: f64,
+    /// Size at which a file is closed and the next one begun, megabytes.
+    pub file_mb: f64,
+    /// Age at which a file is closed; `None`: none is closed for its age, minutes.
+    pub file_minutes: Option<f64>,
+    /// Most that all files may take before the oldest ones are deleted; `None`: all are kept, megabytes.
+    pub budget_mb: Option<f64>,
 }
 
 /// What happens when a goal is reached.
@@ -776,6 +795,18 @@ impl Agent {
                 &[("refuse", OverMemory::Refuse), ("shrink", OverMemory::Shrink)],
                 "a scenario that needs more is refused, or its budget of support vectors is lowered",
             ),
+            when_behind: s.choice(
+                "when_behind",
+                0,
+                &[("wait", WhenBehind::Wait), ("drop", WhenBehind::Drop)],
+                "the source waits until its frames are taken, or drops the oldest (realtime only)",
+            ),
+            speed: s.number_or_auto(
+                "speed",
+                "times real time",
+                Range::within(0.01, 1e6),
+                "of a simulated robot; auto: as fast as its frames are taken",
+            ),
         }
     }
 }
@@ -810,6 +841,25 @@ impl Log {
                 "size of a chunk before compression",
             ),
             flush_seconds: s.number("flush_seconds", 1.0, "s", Range::above(0.0, 1.0), "longest time in memory only"),
+            file_mb: s.number(
+                "file_mb",
+                1000.0,
+                "MB",
+                Range::within(0.1, 1e9),
+                "a file that is larger is closed, and the next one begun",
+            ),
+            file_minutes: s.number_or_auto(
+                "file_minutes",
+                "min",
+                Range::within(0.01, 1e9),
+                "a file that is older is closed; auto: never for its age",
+            ),
+            budget_mb: s.number_or_auto(
+                "budget_mb",
+                "MB",
+                Range::within(0.2, 1e12),
+                "all files together; beyond, this run's oldest are deleted; auto: none is",
+            ),
         }
     }
 }

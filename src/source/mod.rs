@@ -1,10 +1,15 @@
 //! Where frames come from.
 
+mod recorded;
 mod simulated;
 
+pub use recorded::{Recorded, Resumed};
 pub use simulated::Simulated;
 
-use crate::world::{Action, Image, Pose};
+use nalgebra::Point2;
+
+use crate::scenario::Task;
+use crate::world::{Action, Image, Pose, World, in_goal};
 
 /// One camera frame with what else was sensed at that moment.
 #[derive(Debug, Clone)]
@@ -13,18 +18,38 @@ pub struct Frame {
     pub number: u64,
     /// Time, nanoseconds since 1970.
     pub stamp_ns: u64,
-    /// Camera image.
-    pub image: Image,
+    /// What the camera saw.
+    pub view: View,
     /// True pose as the ceiling camera sees it: for rewards, evaluation and plots, never for features.
     pub pose: Pose,
     /// Pose by odometry.
     pub odometry: Pose,
-    /// Distances of the ring of sonars from the robot's centre, metres, the first straight ahead, counter-clockwise.
-    pub sonar: Vec<f64>,
+    /// Distances of the ring of sonars from the robot's centre, metres, the first straight ahead, counter-clockwise; in the
+    /// precision of the log, so that a replay hears the same.
+    pub sonar: Vec<f32>,
     /// The action during which this frame was taken; `None` for the first frame.
     pub action: Option<Action>,
     /// Set on the last frame of an action, and on the first frame of all.
     pub boundary: Option<Boundary>,
+}
+
+/// What the camera saw, before or after vision.
+#[derive(Debug, Clone, PartialEq)]
+pub enum View {
+    /// A camera image.
+    Image(Image),
+    /// An observation that vision has made already, as a log holds it: [`Observation::pixels`](crate::vision::Observation).
+    Observation(Vec<u8>),
+}
+
+impl View {
+    /// The camera image, if vision has not seen it yet.
+    pub fn image(&self) -> Option<&Image> {
+        match self {
+            View::Image(image) => Some(image),
+            View::Observation(_) => None,
+        }
+    }
 }
 
 /// What an action came to.
@@ -38,11 +63,21 @@ pub struct Boundary {
     pub in_goal: Vec<bool>,
 }
 
-/// A robot, simulated or real, that executes actions and gives frames.
+/// A robot, simulated, real or recorded, that executes actions and gives frames.
 pub trait Source {
-    /// The frame before the first action.
-    fn first(&mut self) -> Frame;
+    /// The frame before the first action; none if there is not even one.
+    fn first(&mut self) -> Option<Frame>;
 
-    /// Execute an action and give its frames in order; the last one is a boundary. Stops early if `give` says so.
-    fn execute(&mut self, action: Action, give: &mut dyn FnMut(Frame) -> bool);
+    /// Execute an action and give its frames in order; the last one is a boundary. Stops early if `give` says so. Returns
+    /// whether it can go on: a recording ends.
+    fn execute(&mut self, action: Action, give: &mut dyn FnMut(Frame) -> bool) -> bool;
+}
+
+/// What an action came to at a place, as the ceiling camera sees it.
+pub(crate) fn boundary(world: &World, tasks: &[Task], position: Point2<f64>, blocked: bool) -> Boundary {
+    Boundary {
+        blocked,
+        rewards: tasks.iter().map(|task| world.reward(task, position)).collect(),
+        in_goal: tasks.iter().map(|task| in_goal(task, position)).collect(),
+    }
 }

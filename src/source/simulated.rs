@@ -4,10 +4,10 @@ use std::sync::Arc;
 
 use nalgebra::Point2;
 
-use super::{Boundary, Frame, Source};
+use super::{Boundary, Frame, Source, View, boundary};
 use crate::random::stream;
 use crate::scenario::Scenario;
-use crate::world::{Action, Pose, Robot, Sensor, World, in_goal};
+use crate::world::{Action, Pose, Robot, Sensor, World};
 
 /// Simulated time begins on 2000-01-01 00:00 UTC, so that the log of a seed is the same whenever it is run, and viewers that
 /// want plausible dates are content.
@@ -40,7 +40,7 @@ impl Simulated {
         Frame {
             number,
             stamp_ns: EPOCH_NS + (seconds * 1e9).round() as u64,
-            image,
+            view: View::Image(image),
             pose: self.robot.pose,
             odometry: self.robot.odometry,
             sonar: self.robot.sonar(&self.world.arena),
@@ -50,23 +50,17 @@ impl Simulated {
     }
 
     fn boundary(&self, blocked: bool) -> Boundary {
-        let position = self.robot.pose.position;
-        let tasks = &self.scenario.tasks;
-        Boundary {
-            blocked,
-            rewards: tasks.iter().map(|task| self.world.reward(task, position)).collect(),
-            in_goal: tasks.iter().map(|task| in_goal(task, position)).collect(),
-        }
+        boundary(&self.world, &self.scenario.tasks, self.robot.pose.position, blocked)
     }
 }
 
 impl Source for Simulated {
-    fn first(&mut self) -> Frame {
+    fn first(&mut self) -> Option<Frame> {
         let boundary = self.boundary(false);
-        self.frame(None, Some(boundary))
+        Some(self.frame(None, Some(boundary)))
     }
 
-    fn execute(&mut self, action: Action, give: &mut dyn FnMut(Frame) -> bool) {
+    fn execute(&mut self, action: Action, give: &mut dyn FnMut(Frame) -> bool) -> bool {
         let motion = self.robot.draw(action);
         let frames = self.scenario.robot.frames_per_action;
         let mut blocked = false;
@@ -74,8 +68,9 @@ impl Source for Simulated {
             blocked |= self.robot.drive(motion, &self.world.arena);
             let boundary = (index == frames).then(|| self.boundary(blocked));
             if !give(self.frame(Some(action), boundary)) {
-                return;
+                break;
             }
         }
+        true
     }
 }

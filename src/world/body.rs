@@ -93,13 +93,13 @@ impl Robot {
     }
 
     /// Distances that the ring of sonars measures from the robot's centre, metres, the first one straight ahead, counter-clockwise.
-    pub fn sonar(&mut self, arena: &Arena) -> Vec<f64> {
+    pub fn sonar(&mut self, arena: &Arena) -> Vec<f32> {
         let (count, range) = (self.settings.sonars, self.settings.sonar_range);
         (0..count)
             .map(|i| {
                 let angle = self.pose.heading + std::f64::consts::TAU * i as f64 / count as f64;
                 let distance = arena.range(self.pose.position, Vector2::new(angle.cos(), angle.sin()), range);
-                (distance + self.settings.sonar_noise * self.normal()).clamp(0.0, range)
+                (distance + self.settings.sonar_noise * self.normal()).clamp(0.0, range) as f32
             })
             .collect()
     }

@@ -8,9 +8,9 @@ use std::io::Write;
 use adagio::log::{
     LogError, LogWriter, Message, Topic, cdr,
     messages::{
-        Decision, DictionaryGrowth, Evaluation, Header, Health, Image, LaserScan, Log, ModelUpdate, Odometry,
-        PolicyUpdate, Pose, PoseStamped, PoseWithCovariance, Time, Transition, Twist, TwistStamped,
-        TwistWithCovariance, Vector3,
+        Decision, DictionaryGrowth, Evaluation, FrameTaken, Header, Health, Image, LaserScan, Log, ModelRequest,
+        ModelUpdate, Odometry, PolicyUpdate, Pose, PoseStamped, PoseWithCovariance, Time, Transition, Twist,
+        TwistStamped, TwistWithCovariance, Vector3,
     },
     topics,
 };
@@ -44,9 +44,11 @@ pub fn write_samples<W: Write>(
         on.put(topics::ODOMETRY, odometry(header.clone(), round))?;
         on.put(topics::SONAR, scan(header.clone(), round))?;
         on.put(topics::COMMAND, TwistStamped { header: header.clone(), twist: twist(round) })?;
+        on.put(topics::FRAME, frame(header.clone(), round))?;
         on.put(topics::DECISION, decision(header.clone(), round))?;
         on.put(topics::TRANSITION, transition(header.clone(), round))?;
         on.put(topics::DICTIONARY, growth(header.clone(), round))?;
+        on.put(topics::REQUEST, request(header.clone(), round))?;
         on.put(topics::MODEL, model(header.clone(), round))?;
         on.put(topics::POLICY, policy(header.clone(), round))?;
         on.put(topics::EVALUATION, evaluation(header.clone(), round))?;
@@ -141,6 +143,21 @@ fn scan(header: Header, round: u32) -> LaserScan {
         ranges: numbers(round, 5).into_iter().map(|x| x as f32).chain([f32::INFINITY]).collect(),
         intensities: Vec::new(),
     }
+}
+
+fn frame(header: Header, round: u32) -> FrameTaken {
+    let action = if round == 0 { FrameTaken::NO_ACTION } else { (round % 3) as u8 };
+    FrameTaken {
+        header,
+        frame: u64::from(round) + (1 << 33),
+        action,
+        boundary: round.is_multiple_of(5),
+        blocked: round.is_multiple_of(10),
+    }
+}
+
+fn request(header: Header, round: u32) -> ModelRequest {
+    ModelRequest { header, frame: u64::from(round) << 32, frames: 1 + u64::from(round), transitions: 20 * round }
 }
 
 fn decision(header: Header, round: u32) -> Decision {
@@ -268,6 +285,8 @@ pub fn decode_all(bytes: &[u8]) {
     let _ = cdr::decode::<TwistStamped>(bytes);
     let _ = cdr::decode::<Log>(bytes);
     let _ = cdr::decode::<Decision>(bytes);
+    let _ = cdr::decode::<FrameTaken>(bytes);
+    let _ = cdr::decode::<ModelRequest>(bytes);
     let _ = cdr::decode::<Transition>(bytes);
     let _ = cdr::decode::<DictionaryGrowth>(bytes);
     let _ = cdr::decode::<ModelUpdate>(bytes);

@@ -7,7 +7,9 @@ mod octets;
 pub mod own;
 pub mod standard;
 
-pub use own::{Decision, DictionaryGrowth, Evaluation, Health, ModelUpdate, PolicyUpdate, Transition};
+pub use own::{
+    Decision, DictionaryGrowth, Evaluation, FrameTaken, Health, ModelRequest, ModelUpdate, PolicyUpdate, Transition,
+};
 pub use standard::{
     Header, Image, LaserScan, Log, Odometry, Point, Pose, PoseStamped, PoseWithCovariance, Quaternion, Time, Twist,
     TwistStamped, TwistWithCovariance, Vector3,

@@ -43,6 +43,39 @@ impl Decision {
     pub const PURSUE: u8 = 1;
 }
 
+/// A frame was taken from the source: what a replay has to know of it beside the observation.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct FrameTaken {
+    /// When the frame was taken by the camera.
+    pub header: Header,
+    /// Number of the frame.
+    pub frame: u64,
+    /// The action during which it was taken: a constant of [`Decision`], or [`FrameTaken::NO_ACTION`].
+    pub action: u8,
+    /// It is the last frame of its action, or the first of all.
+    pub boundary: bool,
+    /// An obstacle stopped the robot during the action; known at its boundary.
+    pub blocked: bool,
+}
+
+impl FrameTaken {
+    /// [`FrameTaken::action`]: none, before the first one.
+    pub const NO_ACTION: u8 = 255;
+}
+
+/// A model was asked for.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ModelRequest {
+    /// When.
+    pub header: Header,
+    /// The newest frame that it is learned from.
+    pub frame: u64,
+    /// Frames that it is learned from.
+    pub frames: u64,
+    /// Transitions that its policies are fitted on.
+    pub transitions: u32,
+}
+
 /// An action was completed.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Transition {
@@ -223,6 +256,18 @@ own_message!(
     "float64[] q_values",
     "bool reflex",
 );
+
+own_message!(
+    FrameTaken,
+    "uint8 NO_ACTION=255",
+    "std_msgs/Header header",
+    "uint64 frame",
+    "uint8 action",
+    "bool boundary",
+    "bool blocked",
+);
+
+own_message!(ModelRequest, "std_msgs/Header header", "uint64 frame", "uint64 frames", "uint32 transitions",);
 
 own_message!(
     Transition,

@@ -13,6 +13,26 @@ use crate::log::{MAX_RECORD_BYTES, writer::with_sources};
 /// Bytes of a chunk's header without the name of its compression.
 const HEADER: u64 = 8 + 8 + 8 + 4 + 4 + 8;
 
+/// The longest name of a compression that is looked for.
+const LONGEST_NAME: usize = 8;
+
+/// Bytes of a chunk's header at most, as far as [`could_start`] looks.
+pub(super) const LONGEST_HEADER: usize = HEADER as usize + LONGEST_NAME;
+
+/// Whether bytes look like the head of a chunk: its sizes add up. `left`: bytes up to the end of the file.
+pub(super) fn could_start(bytes: &[u8], left: u64) -> bool {
+    let number = |at: usize| Some(u64::from_le_bytes(bytes.get(at..at + 8)?.try_into().ok()?));
+    let fits = || {
+        let length = number(1)?;
+        let name_at = HEAD + 8 + 8 + 8 + 4;
+        let name = u32::from_le_bytes(bytes.get(name_at..name_at + 4)?.try_into().ok()?) as usize;
+        let compressed = (name <= LONGEST_NAME).then(|| number(name_at + 4 + name)).flatten()?;
+        let whole = HEAD as u64 + length <= left && length <= MAX_RECORD_BYTES;
+        Some(whole && HEADER + name as u64 + compressed == length)
+    };
+    bytes.first() == Some(&op::CHUNK) && fits() == Some(true)
+}
+
 /// The chunk that is being read.
 pub(super) struct Chunk {
     reader: LinearReader,

@@ -10,37 +10,76 @@ use mcap::{
     records::{self, op},
 };
 
-use super::{Record, lengths};
+use super::{Channel, Record, lengths};
 use crate::log::writer::with_sources;
 
 /// The schemas and channels seen so far.
 #[derive(Default)]
 pub(super) struct Definitions {
-    schemas: BTreeMap<u16, Arc<str>>,
-    /// Topic and schema number of a channel.
-    channels: BTreeMap<u16, (Arc<str>, u16)>,
+    schemas: BTreeMap<u16, Schema>,
+    channels: BTreeMap<u16, Defined>,
+    /// What the file says of itself: its profile.
+    profile: Option<String>,
     /// Channels that messages named but that are not defined; each is complained of once.
     missing: BTreeSet<u16>,
 }
 
+struct Schema {
+    name: Arc<str>,
+    encoding: String,
+    definition: Vec<u8>,
+}
+
+struct Defined {
+    topic: Arc<str>,
+    schema: u16,
+    encoding: String,
+    metadata: BTreeMap<String, String>,
+}
+
 impl Definitions {
+    /// The profile that the file's header names.
+    pub(super) fn profile(&self) -> Option<&str> {
+        self.profile.as_deref()
+    }
+
+    /// A channel, as the file defines it.
+    pub(super) fn channel(&self, id: u16) -> Option<Channel<'_>> {
+        let channel = self.channels.get(&id)?;
+        let schema = self.schemas.get(&channel.schema)?;
+        Some(Channel {
+            topic: &channel.topic,
+            encoding: &channel.encoding,
+            metadata: &channel.metadata,
+            schema: &schema.name,
+            schema_encoding: &schema.encoding,
+            definition: &schema.definition,
+        })
+    }
+
     /// Takes note of a definition, or returns a record for the user. The error says what is wrong.
     pub(super) fn take(&mut self, kind: u8, body: &[u8]) -> Result<Option<Record>, String> {
         match kind {
-            op::SCHEMA | op::CHANNEL | op::MESSAGE | op::METADATA | op::ATTACHMENT => {
+            op::HEADER | op::SCHEMA | op::CHANNEL | op::MESSAGE | op::METADATA | op::ATTACHMENT => {
                 lengths::check(kind, body)?;
             }
             // Indexes and sums: all of it follows from the records themselves.
             _ => return Ok(None),
         }
         match parse_record(kind, body).map_err(|cause| with_sources(&cause))? {
-            records::Record::Schema { header, .. } => {
-                self.schemas.insert(header.id, header.name.into());
+            records::Record::Header(header) => {
+                self.profile.get_or_insert(header.profile);
+                Ok(None)
+            }
+            records::Record::Schema { header, data } => {
+                let (name, encoding) = (header.name.into(), header.encoding);
+                self.schemas.insert(header.id, Schema { name, encoding, definition: data.into_owned() });
                 Ok(None)
             }
             records::Record::Channel(channel) => {
-                let entry = (channel.topic.into(), channel.schema_id);
-                self.channels.insert(channel.id, entry);
+                let (topic, schema) = (channel.topic.into(), channel.schema_id);
+                let (encoding, metadata) = (channel.message_encoding, channel.metadata);
+                self.channels.insert(channel.id, Defined { topic, schema, encoding, metadata });
                 Ok(None)
             }
             records::Record::Message { header, data } => self.message(header, data.into_owned()),
@@ -50,6 +89,7 @@ impl Definitions {
             records::Record::Attachment { header, data, .. } => Ok(Some(Record::Attachment {
                 name: header.name,
                 media_type: header.media_type,
+                log_time_ns: header.log_time,
                 data: data.into_owned(),
             })),
             _ => Ok(None),
@@ -58,16 +98,18 @@ impl Definitions {
 
     fn message(&mut self, header: records::MessageHeader, data: Vec<u8>) -> Result<Option<Record>, String> {
         let id = header.channel_id;
-        let definition = self.channels.get(&id).and_then(|(topic, schema)| {
-            let schema = self.schemas.get(schema)?;
-            Some((Arc::clone(topic), Arc::clone(schema)))
+        let definition = self.channels.get(&id).and_then(|channel| {
+            let schema = self.schemas.get(&channel.schema)?;
+            Some((Arc::clone(&channel.topic), Arc::clone(&schema.name)))
         });
         match definition {
             Some((topic, schema)) => Ok(Some(Record::Message {
                 topic,
                 schema,
+                channel: id,
                 sequence: header.sequence,
                 log_time_ns: header.log_time,
+                publish_time_ns: header.publish_time,
                 data,
             })),
             None if self.missing.insert(id) => {

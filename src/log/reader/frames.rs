@@ -1,9 +1,10 @@
 //! The records of a file as they lie in it: a kind, a length, a body.
 
-use std::io::{self, Read};
+use std::io::{self, Read, Seek, SeekFrom};
 
 use mcap::{MAGIC, records::op};
 
+use super::chunk;
 use crate::log::{MAX_ATTACHMENT_BYTES, MAX_RECORD_BYTES};
 
 /// Bytes before a record's body: its kind and the body's length.
@@ -143,5 +144,39 @@ impl<R: Read> Frames<R> {
         let read = self.source.by_ref().take(length).read_to_end(&mut self.record)? as u64;
         self.next_offset += read;
         Ok(read)
+    }
+}
+
+/// Bytes that are looked through at a time.
+const LOOK_THROUGH: usize = 1 << 16;
+
+impl<R: Read + Seek> Frames<R> {
+    /// Look for a chunk behind the start of the current record, and step to it. Whether there is one.
+    pub(super) fn find_chunk(&mut self) -> io::Result<bool> {
+        let mut start = self.offset + 1;
+        let size = self.source.seek(SeekFrom::End(0))?;
+        self.source.seek(SeekFrom::Start(start))?;
+        let mut window = Vec::new();
+        loop {
+            let read = self.source.by_ref().take(LOOK_THROUGH as u64).read_to_end(&mut window)?;
+            let found = (0..window.len()).find(|&at| {
+                let left = size - (start + at as u64);
+                window[at] == op::CHUNK && chunk::could_start(&window[at..], left)
+            });
+            if let Some(at) = found {
+                self.next_offset = start + at as u64;
+                self.offset = self.next_offset;
+                self.record.clear();
+                self.source.seek(SeekFrom::Start(self.next_offset))?;
+                return Ok(true);
+            }
+            if read == 0 {
+                return Ok(false);
+            }
+            // The last bytes may be the beginning of a head that continues in the next part.
+            let done = window.len().saturating_sub(HEAD + chunk::LONGEST_HEADER);
+            window.drain(..done);
+            start += done as u64;
+        }
     }
 }

@@ -9,6 +9,7 @@ use mcap::records::op;
 pub(super) fn check(kind: u8, body: &[u8]) -> Result<(), String> {
     let mut parts = Parts(body);
     let fit = match kind {
+        op::HEADER => parts.text().and_then(|()| parts.text()),
         op::SCHEMA => parts.schema(),
         op::CHANNEL => parts.channel(),
         op::MESSAGE => parts.skip(2 + 4 + 8 + 8),

@@ -12,7 +12,7 @@ mod lengths;
 use std::{
     collections::BTreeMap,
     fs::File,
-    io::{BufReader, Read},
+    io::{BufReader, Read, Seek},
     path::Path,
     sync::Arc,
 };
@@ -35,10 +35,14 @@ pub enum Record {
         topic: Arc<str>,
         /// Its type, for example `sensor_msgs/msg/Image`.
         schema: Arc<str>,
+        /// Its channel within this file: [`LogReader::channel`].
+        channel: u16,
         /// Its sequence number on the topic.
         sequence: u32,
         /// When it was logged, nanoseconds.
         log_time_ns: u64,
+        /// When it was made, nanoseconds.
+        publish_time_ns: u64,
         /// Its body, CDR.
         data: Vec<u8>,
     },
@@ -55,9 +59,28 @@ pub enum Record {
         name: String,
         /// Its kind, for example `application/json`.
         media_type: String,
+        /// When it was logged, nanoseconds.
+        log_time_ns: u64,
         /// Its content.
         data: Vec<u8>,
     },
+}
+
+/// A channel, as the file defines it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Channel<'a> {
+    /// Its topic.
+    pub topic: &'a str,
+    /// How its messages are encoded, for example `cdr`.
+    pub encoding: &'a str,
+    /// Texts about it.
+    pub metadata: &'a BTreeMap<String, String>,
+    /// The type of its messages.
+    pub schema: &'a str,
+    /// The language of the definition, for example `ros2msg`.
+    pub schema_encoding: &'a str,
+    /// The definition of the type.
+    pub definition: &'a [u8],
 }
 
 impl Record {
@@ -108,6 +131,8 @@ pub struct LogReader<R = BufReader<File>> {
     definitions: Definitions,
     damage: Option<Ending>,
     ending: Option<Ending>,
+    /// It ended where the file could not be followed further.
+    lost: bool,
 }
 
 impl LogReader {
@@ -135,6 +160,7 @@ impl<R: Read> LogReader<R> {
             definitions: Definitions::default(),
             damage: None,
             ending: None,
+            lost: false,
         }
     }
 
@@ -143,6 +169,16 @@ impl<R: Read> LogReader<R> {
     pub fn without_attachments(mut self) -> Self {
         self.frames.skip_attachments = true;
         self
+    }
+
+    /// A channel that was defined so far.
+    pub fn channel(&self, id: u16) -> Option<Channel<'_>> {
+        self.definitions.channel(id)
+    }
+
+    /// The profile that the file's header names, once that was read.
+    pub fn profile(&self) -> Option<&str> {
+        self.definitions.profile()
     }
 
     /// How the log ended; `None` until the iterator has.
@@ -181,6 +217,26 @@ impl<R: Read> LogReader<R> {
     }
 }
 
+impl<R: Read + Seek> LogReader<R> {
+    /// After the iterator has ended where the file could not be followed further: look for the next chunk behind that place and
+    /// go on there, with what was defined before. Whether one was found; the damage stays the log's ending.
+    ///
+    /// # Errors
+    /// [`LogError::Read`].
+    pub fn go_on(&mut self) -> Result<bool, LogError> {
+        if !self.lost {
+            return Ok(false);
+        }
+        let failed = |offset, cause| LogError::Read { log: self.log.clone(), offset, cause };
+        let offset = self.frames.offset();
+        let found = self.frames.find_chunk().map_err(|cause| failed(offset, cause))?;
+        if found {
+            (self.lost, self.ending) = (false, None);
+        }
+        Ok(found)
+    }
+}
+
 impl<R: Read> Iterator for LogReader<R> {
     type Item = Result<Record, LogError>;
 
@@ -201,6 +257,7 @@ impl<R: Read> Iterator for LogReader<R> {
                 }
                 Next::Lost(cause) => {
                     let error = self.damaged(cause);
+                    self.lost = true;
                     self.end(Ending::NoFooter);
                     return Some(Err(error));
                 }

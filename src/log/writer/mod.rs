@@ -81,16 +81,16 @@ impl Default for LogOptions {
     }
 }
 
-/// What a finished log holds.
+/// What a finished file holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct LogTotals {
+pub struct FileTotals {
     /// Size of the file, bytes.
     pub bytes: u64,
     /// Messages.
     pub messages: u64,
 }
 
-/// Writes a log; end it with [`LogWriter::finish`].
+/// Writes one file of a log; end it with [`LogWriter::finish`].
 ///
 /// After a failure every call reports that first failure and writes nothing. A writer that is
 /// dropped instead of finished closes the file as well as it can, but nobody hears of an error.
@@ -99,11 +99,16 @@ pub struct LogWriter<W: Write = File> {
     writer: mcap::Writer<NoSeek<BufWriter<GuardedSink<W>>>>,
     state: Arc<SinkState>,
     channels: BTreeMap<&'static str, u16>,
+    chunk_bytes: u64,
     flush_interval: Duration,
     last_flush: Option<Instant>,
     /// Something was written since the last flush.
     pending: bool,
+    /// Bytes of messages in the open chunk.
+    open: u64,
     messages: u64,
+    /// What the operating system had accepted at the last flush.
+    flushed: FileTotals,
     /// The last message's bytes, kept for its allocation.
     body: Vec<u8>,
 }
@@ -148,17 +153,22 @@ impl<W: Write> LogWriter<W> {
             .map_err(failed)?;
         // So that a run that is killed in its first second can still be told by its metadata.
         writer.flush().map_err(failed)?;
-        Ok(Self {
+        let mut created = Self {
             log: log.to_owned(),
             writer,
             state,
             channels,
+            chunk_bytes: options.chunk_bytes,
             flush_interval: options.flush_interval,
             last_flush: None,
             pending: false,
+            open: 0,
             messages: 0,
+            flushed: FileTotals { bytes: 0, messages: 0 },
             body: Vec::new(),
-        })
+        };
+        created.flushed.bytes = created.state.bytes();
+        Ok(created)
     }
 
     /// Adds a message. `stamp_ns` is the log's clock, nanoseconds.
@@ -173,19 +183,29 @@ impl<W: Write> LogWriter<W> {
         stamp_ns: u64,
         message: &M,
     ) -> Result<(), LogError> {
+        let mut body = std::mem::take(&mut self.body);
+        let written = cdr::encode_into(message, &mut body)
+            .and_then(|()| self.write_encoded(topic.name(), sequence, stamp_ns, &body));
+        self.body = body;
+        written
+    }
+
+    /// Adds a message that is encoded already, and closes the chunk if it is full.
+    ///
+    /// # Errors
+    /// As [`LogWriter::write`].
+    pub fn write_encoded(&mut self, topic: &str, sequence: u32, stamp_ns: u64, body: &[u8]) -> Result<(), LogError> {
         self.check()?;
-        let channel_id = *self
-            .channels
-            .get(topic.name())
-            .ok_or_else(|| LogError::UnknownTopic { topic: topic.name().to_owned() })?;
-        cdr::encode_into(message, &mut self.body)?;
-        check_size(topic.name(), self.body.len(), MAX_MESSAGE_BYTES)?;
+        let channel_id = *self.channels.get(topic).ok_or_else(|| LogError::UnknownTopic { topic: topic.to_owned() })?;
+        check_size(topic, body.len(), MAX_MESSAGE_BYTES)?;
         let header = MessageHeader { channel_id, sequence, log_time: stamp_ns, publish_time: stamp_ns };
         self.pending = true;
-        let result = self.writer.write_to_known_channel(&header, &self.body);
+        let result = self.writer.write_to_known_channel(&header, body);
         self.settle(result)?;
         self.messages += 1;
-        Ok(())
+        self.open += body.len() as u64;
+        // Here and not by the mcap writer, so that what is in the file is known after every chunk.
+        if self.open >= self.chunk_bytes { self.flush() } else { Ok(()) }
     }
 
     /// Adds an attachment and flushes, so that a checkpoint is in the file when this returns.
@@ -197,6 +217,7 @@ impl<W: Write> LogWriter<W> {
         // The names stand in the same record and count towards its limit.
         let size = bytes.len() + name.len() + media_type.len();
         check_size(name, size, MAX_ATTACHMENT_BYTES - 1024)?;
+        self.pending = true;
         let result = self.writer.attach(&Attachment {
             log_time: stamp_ns,
             create_time: stamp_ns,
@@ -231,7 +252,8 @@ impl<W: Write> LogWriter<W> {
         if self.pending {
             let result = self.writer.flush();
             self.settle(result)?;
-            self.pending = false;
+            (self.pending, self.open) = (false, 0);
+            self.flushed = FileTotals { bytes: self.state.bytes(), messages: self.messages };
         }
         Ok(())
     }
@@ -241,15 +263,25 @@ impl<W: Write> LogWriter<W> {
         self.state.bytes()
     }
 
+    /// What the operating system had accepted at the last flush. A failure leaves that much that can be read.
+    pub fn flushed(&self) -> FileTotals {
+        self.flushed
+    }
+
+    /// Messages so far, those that wait in memory included.
+    pub fn messages(&self) -> u64 {
+        self.messages
+    }
+
     /// Writes the index and the footer, which say that the log is complete.
     ///
     /// # Errors
     /// [`LogError::Write`].
-    pub fn finish(mut self) -> Result<LogTotals, LogError> {
+    pub fn finish(mut self) -> Result<FileTotals, LogError> {
         self.check()?;
         let result = self.writer.finish().map(|_| ());
         self.settle(result)?;
-        Ok(LogTotals { bytes: self.state.bytes(), messages: self.messages })
+        Ok(FileTotals { bytes: self.state.bytes(), messages: self.messages })
     }
 
     /// The first failure, if there was one.
@@ -318,7 +350,8 @@ fn write_options(options: &LogOptions) -> WriteOptions {
         })
         // In the calling thread: the writer is an actor with a thread of its own already.
         .compression_threads(0)
-        .chunk_size(Some(options.chunk_bytes))
+        // Chunks are closed by `write_encoded`.
+        .chunk_size(None)
         // By default a chunk's length is written after its data, and a killed run leaves 2⁶⁴ − 1.
         .disable_seeking(true)
 }

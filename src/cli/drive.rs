@@ -1,0 +1,158 @@
+//! What `run`, `replay` and `resume` have in common: drive a scenario from a source, evaluate, report.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use super::{Ending, print, print_json, progress};
+use crate::agent::{self, CHECKPOINT_NAME, Course, Outcome, RunOptions, Status};
+use crate::evaluate::{Evaluator, decode_pose};
+use crate::log::{LogOptions, Rotation, RunLog, log_files};
+use crate::report::{OVERVIEW_NAME, Origin, Program, Report, overview, table};
+use crate::scenario::Scenario;
+use crate::source::Source;
+use crate::world::World;
+
+/// A run that is to be made in a folder.
+pub struct Drive<'a> {
+    pub scenario: &'a Arc<Scenario>,
+    pub world: &'a Arc<World>,
+    /// The folder, which exists.
+    pub run: &'a Path,
+    /// Set from outside to end the run cleanly.
+    pub stop: &'a AtomicBool,
+    pub quiet: bool,
+    /// What happened in a recording that is repeated.
+    pub recording: Option<&'a Course>,
+    /// The run ends after this many actions.
+    pub most_actions: Option<u64>,
+    pub origin: Origin,
+}
+
+impl Drive<'_> {
+    /// Run to the end, evaluate what was learned, and write the report. The error is one for people.
+    pub fn go(&self, source: &mut (dyn Source + Send), log: RunLog) -> Result<Report, String> {
+        let text = |error: &dyn std::fmt::Display| error.to_string();
+        let (scenario, world) = (self.scenario, self.world);
+        let starts = scenario.evaluate.starts;
+        let evaluator = Evaluator::new(scenario.clone(), world.clone(), starts, scenario.seed);
+        let checkpoint = self.run.join(CHECKPOINT_NAME);
+        let outcome = self.watched(|status| {
+            let options = RunOptions {
+                stop: self.stop,
+                status,
+                checkpoint: Some(&checkpoint),
+                evaluator: Some(&evaluator),
+                recording: self.recording,
+                most_actions: self.most_actions,
+            };
+            agent::run(scenario, source, log, &options)
+        });
+        let outcome: Outcome = outcome.map_err(|e| text(&e))?;
+        for failure in &outcome.log.failures {
+            eprintln!("warning: {failure}");
+        }
+        if outcome.log.deleted_files > 0 {
+            let (files, bytes) = (outcome.log.deleted_files, outcome.log.deleted_bytes as f64 / 1e6);
+            eprintln!("warning: the {files} oldest log files ({bytes:.1} MB) were deleted: log.budget_mb");
+        }
+        let (mut tasks, mut pose) = (Vec::new(), None);
+        if let Some(learned) = &outcome.learned {
+            if !self.quiet {
+                eprintln!("evaluating {starts} starts per task, with and without reflexes");
+            }
+            tasks = evaluator.evaluate(learned, true);
+            pose = decode_pose(scenario, world, learned, scenario.seed)
+                .inspect_err(|error| eprintln!("warning: the pose cannot be decoded: {error}"))
+                .ok();
+        }
+        let report = Report::new(scenario, &outcome, tasks, pose, self.origin.clone());
+        let json = serde_json::to_string_pretty(&report).map_err(|e| text(&e))?;
+        write(self.run, "report.json", json.as_bytes())?;
+        // The picture shows what is kept elsewhere already: a run does not fail for it.
+        let logs = log_files(self.run).map_err(|e| text(&e))?.into_iter().map(|(_, path)| path).collect();
+        let drawn = overview(scenario, world, outcome.learned.as_deref(), &report, logs).map_err(|e| text(&e));
+        if let Err(reason) = drawn.and_then(|picture| write(self.run, OVERVIEW_NAME, picture.as_bytes())) {
+            eprintln!("warning: there is no {OVERVIEW_NAME}: {reason}");
+        }
+        Ok(report)
+    }
+
+    /// Do something with its progress on stderr, unless that is not wanted.
+    fn watched<R>(&self, work: impl FnOnce(&Status) -> R) -> R {
+        let actions = self.most_actions.unwrap_or(u64::MAX).min(self.scenario.actions as u64);
+        watched(self.quiet, actions, work)
+    }
+}
+
+/// Do something with its progress on stderr, unless `quiet`.
+pub fn watched<R>(quiet: bool, actions: u64, work: impl FnOnce(&Status) -> R) -> R {
+    let (status, over) = (Status::default(), AtomicBool::new(false));
+    std::thread::scope(|scope| {
+        if !quiet {
+            scope.spawn(|| progress::show(&status, actions, &over));
+        }
+        // Also if the run panics: the progress thread must end, or this scope never does.
+        let _over = SetWhenDropped(&over);
+        work(&status)
+    })
+}
+
+/// Print what came of a run in a folder.
+pub fn ending(result: Result<Report, String>, run: &Path, json: bool) -> Ending {
+    match result {
+        Ok(report) if json => print_json(&report),
+        Ok(report) => print(&format!("{}kept in {}\n", table(&report), run.display())),
+        Err(reason) => Ending::Failed(format!("{reason}\nwhat was recorded is kept in {}", run.display())),
+    }
+}
+
+/// Write a file of a run folder.
+pub fn write(run: &Path, name: &str, bytes: &[u8]) -> Result<(), String> {
+    let path = run.join(name);
+    std::fs::write(&path, bytes).map_err(|cause| format!("cannot write {}: {cause}", path.display()))
+}
+
+/// How a scenario wants its log written.
+pub fn log_options(scenario: &Scenario) -> (LogOptions, Rotation) {
+    let log = &scenario.log;
+    let bytes = |megabytes: f64| (1e6 * megabytes) as u64;
+    let options = LogOptions {
+        compression: log.compression,
+        chunk_bytes: log.chunk_bytes as u64,
+        flush_interval: Duration::from_secs_f64(log.flush_seconds),
+    };
+    let rotation = Rotation {
+        file_bytes: bytes(log.file_mb),
+        file_age: log.file_minutes.map(|minutes| Duration::from_secs_f64(60.0 * minutes)),
+        budget_bytes: log.budget_mb.map(bytes),
+    };
+    (options, rotation)
+}
+
+/// What every file of a run's log says about the run.
+pub fn metadata(scenario: &Scenario, origin: &Origin) -> BTreeMap<String, String> {
+    let program = Program::this();
+    let mut metadata = BTreeMap::from([
+        ("scenario".to_owned(), scenario.text.clone()),
+        ("scenario_name".to_owned(), scenario.name.clone()),
+        ("scenario_sha256".to_owned(), scenario.sha256()),
+        ("seed".to_owned(), scenario.seed.to_string()),
+        ("version".to_owned(), program.version.to_owned()),
+        ("commit".to_owned(), program.commit.unwrap_or("unknown").to_owned()),
+    ]);
+    if let Some(of) = &origin.replay_of {
+        metadata.insert("replay_of".to_owned(), of.clone());
+    }
+    metadata
+}
+
+struct SetWhenDropped<'a>(&'a AtomicBool);
+
+impl Drop for SetWhenDropped<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}

@@ -1,0 +1,200 @@
+//! `adagio replay RUN`
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use serde::Serialize;
+
+use super::drive::{self, Drive, log_options, metadata, watched};
+use super::{Ending, ReplayArgs, folder, print, print_json};
+use crate::agent::{self, RunOptions};
+use crate::log::run::{Nowhere, Repeating};
+use crate::log::{Folder, RunLog};
+use crate::replay::{Recording, ShownDifference, show};
+use crate::report::{Numbered, Origin};
+use crate::scenario::Scenario;
+use crate::source::Recorded;
+use crate::world::World;
+
+/// Feed a run's recorded frames to the actors again: to learn from them with other settings, or to verify the recording.
+pub fn replay(args: &ReplayArgs, stop: &AtomicBool) -> Ending {
+    let recording = match Recording::open(&args.run) {
+        Ok(recording) => recording,
+        Err(error) => return Ending::failed(error),
+    };
+    let scenario = match recording.scenario(&args.set) {
+        Ok(scenario) => scenario,
+        Err(error) => return Ending::Usage(error.to_string()),
+    };
+    for damage in &recording.damage {
+        eprintln!("warning: {damage}");
+    }
+    if let Err(text) = same_vision(&recording, &scenario) {
+        return Ending::Usage(text);
+    }
+    let scenario = Arc::new(scenario);
+    let world = match World::new(&scenario) {
+        Ok(world) => Arc::new(world),
+        Err(error) => return Ending::failed(error),
+    };
+    if args.verify {
+        verify(args, &recording, scenario, world, stop)
+    } else {
+        again(args, &recording, scenario, world, stop)
+    }
+}
+
+/// What a log holds of the camera is what vision made of it.
+fn same_vision(recording: &Recording, scenario: &Scenario) -> Result<(), String> {
+    let recorded = recording.scenario(&[]).map_err(|error| error.to_string())?;
+    if recorded.vision == scenario.vision {
+        return Ok(());
+    }
+    Err(format!(
+        "vision.* cannot be changed in a replay: the log holds observations of {} × {} pixels, not camera images",
+        recorded.vision.width, recorded.vision.height
+    ))
+}
+
+/// A new run from recorded frames.
+fn again(
+    args: &ReplayArgs,
+    recording: &Recording,
+    scenario: Arc<Scenario>,
+    world: Arc<World>,
+    stop: &AtomicBool,
+) -> Ending {
+    let run = match folder::create(args.out.as_deref(), &scenario) {
+        Ok(run) => run,
+        Err(ending) => return ending,
+    };
+    let result = (|| {
+        drive::write(&run, "scenario.toml", scenario.text.as_bytes())?;
+        let origin = Origin { resumed: false, replay_of: Some(args.run.display().to_string()) };
+        let (options, rotation) = log_options(&scenario);
+        let log = RunLog::create(Folder::new(&run), &options, rotation, &metadata(&scenario, &origin));
+        let mut source = Recorded::new(scenario.clone(), world.clone(), recording.records());
+        let unchanged = args.set.is_empty();
+        let drive = Drive {
+            scenario: &scenario,
+            world: &world,
+            run: &run,
+            stop,
+            quiet: args.quiet,
+            recording: unchanged.then_some(&recording.course),
+            most_actions: Some(recording.course.decisions()),
+            origin,
+        };
+        let report = drive.go(&mut source, log.map_err(|error| error.to_string())?)?;
+        if source.damaged() > 0 {
+            eprintln!("warning: {} frames or records of the recording could not be used", source.damaged());
+        }
+        Ok(report)
+    })();
+    drive::ending(result, &run, args.json)
+}
+
+/// What `--verify --json` prints.
+#[derive(Serialize)]
+struct Verified {
+    equal: bool,
+    /// Messages that had to be repeated.
+    recorded_messages: u64,
+    /// Messages that came after the end of the recording, which was not closed.
+    beyond: u64,
+    frames: u64,
+    models: u64,
+    digest: Option<String>,
+    first_difference: Option<ShownDifference>,
+}
+
+/// Repeat a run and compare it with its recording, message by message.
+fn verify(
+    args: &ReplayArgs,
+    recording: &Recording,
+    scenario: Arc<Scenario>,
+    world: Arc<World>,
+    stop: &AtomicBool,
+) -> Ending {
+    if !args.set.is_empty() {
+        return Ending::Usage("--verify repeats a run as it was: --set cannot be given with it".into());
+    }
+    if recording.first_frame > 0 {
+        return Ending::Failed(format!(
+            "{} begins with frame {}: earlier files were deleted (log.budget_mb), so it cannot be repeated from its start",
+            args.run.display(),
+            recording.first_frame
+        ));
+    }
+    match compared(args, recording, &scenario, world, stop) {
+        Err(reason) => Ending::Failed(reason),
+        Ok(verified) => told(args, &verified),
+    }
+}
+
+fn compared(
+    args: &ReplayArgs,
+    recording: &Recording,
+    scenario: &Arc<Scenario>,
+    world: Arc<World>,
+    stop: &AtomicBool,
+) -> Result<Verified, String> {
+    let (options, rotation) = log_options(scenario);
+    let log = RunLog::create(Nowhere, &options, rotation, &recording.metadata).map_err(|error| error.to_string())?;
+    let log = log.expecting(recording.expected.clone(), Repeating::Write);
+    let mut source = Recorded::new(scenario.clone(), world, recording.records());
+    // A recording that was not closed may end in the middle of an action, or before a decision.
+    let most_actions = recording.course.decisions() + u64::from(!recording.closed);
+    let outcome = watched(args.quiet, most_actions, |status| {
+        let options = RunOptions {
+            stop,
+            status,
+            checkpoint: None,
+            evaluator: None,
+            recording: Some(&recording.course),
+            most_actions: Some(most_actions),
+        };
+        agent::run(scenario, &mut source, log, &options)
+    });
+    let outcome = outcome.map_err(|error| error.to_string())?;
+    let expected = outcome.log.expected.unwrap_or_default();
+    let beyond = if recording.closed { 0 } else { expected.beyond() };
+    let difference = expected.first_difference().map(|difference| show(recording, &difference)).transpose();
+    let first_difference = difference.map_err(|error| error.to_string())?;
+    Ok(Verified {
+        equal: first_difference.is_none() && (!recording.closed || expected.beyond() == 0),
+        recorded_messages: expected.recorded(),
+        beyond,
+        frames: outcome.frames,
+        models: outcome.learned.as_ref().map_or(0, |learned| u64::from(learned.epoch)),
+        digest: outcome.learned.as_ref().map(|learned| learned.digest()),
+        first_difference,
+    })
+}
+
+fn told(args: &ReplayArgs, verified: &Verified) -> Ending {
+    let text = match &verified.first_difference {
+        _ if args.json => String::new(),
+        Some(difference) => {
+            let ShownDifference { topic, index, fields, .. } = difference;
+            let fields: Vec<String> =
+                fields.iter().map(|(name, before, now)| format!("  {name}: recorded {before}, now {now}\n")).collect();
+            format!("first difference: message {index} on {topic}\n{}", fields.concat())
+        }
+        None => {
+            let messages = Numbered(verified.recorded_messages);
+            let digest = verified.digest.as_deref().unwrap_or("none: no model was made");
+            format!(
+                "{} frames, {} models: all {messages} messages are repeated bit for bit\ndigest {digest}\n",
+                Numbered(verified.frames),
+                verified.models
+            )
+        }
+    };
+    let printed = if args.json { print_json(verified) } else { print(&text) };
+    // Damage cost nothing where everything after it is repeated.
+    if printed != Ending::Done || verified.equal {
+        return printed;
+    }
+    Ending::Failed(format!("{} is not repeated bit for bit", args.run.display()))
+}

@@ -1,0 +1,100 @@
+//! `adagio resume RUN`
+
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use super::drive::{self, Drive, log_options, metadata};
+use super::{Ending, ResumeArgs};
+use crate::log::run::Repeating;
+use crate::log::{Folder, RunLog, log_files};
+use crate::replay::Recording;
+use crate::report::{Numbered, Origin, Program, Report};
+use crate::scenario::Scenario;
+use crate::source::{Recorded, Resumed, Simulated};
+use crate::world::World;
+
+/// Go on with a run that was ended before its last action: by Ctrl-C, by a kill, by a power loss.
+pub fn resume(args: &ResumeArgs, stop: &AtomicBool) -> Ending {
+    if !args.run.is_dir() {
+        return Ending::Usage(format!("{} is no run folder: a run goes on in its folder", args.run.display()));
+    }
+    let recording = match Recording::open(&args.run) {
+        Ok(recording) => recording,
+        Err(error) => return Ending::failed(error),
+    };
+    if let Err(reason) = can_go_on(&args.run, &recording) {
+        return Ending::Failed(reason);
+    }
+    let scenario = match recording.scenario(&[]) {
+        Ok(scenario) => Arc::new(scenario),
+        Err(error) => return Ending::Usage(error.to_string()),
+    };
+    let done = recording.closed && recording.course.decisions() >= scenario.actions as u64;
+    if done && args.run.join("report.json").is_file() {
+        let actions = Numbered(scenario.actions as u64);
+        eprintln!("{} has done all of its {actions} actions: there is nothing to go on with", args.run.display());
+        return Ending::Done;
+    }
+    drive::ending(go_on(args, &recording, scenario, stop), &args.run, args.json)
+}
+
+fn can_go_on(run: &Path, recording: &Recording) -> Result<(), String> {
+    if recording.first_frame > 0 {
+        return Err(format!(
+            "{} begins with frame {}: earlier files were deleted (log.budget_mb), and with them what was learned first",
+            run.display(),
+            recording.first_frame
+        ));
+    }
+    if let Some(of) = recording.metadata.get("replay_of") {
+        return Err(format!("{} is a replay of {of}: there is no robot to go on with", run.display()));
+    }
+    let recorded = recording.metadata.get("version").map_or("unknown", String::as_str);
+    let version = Program::this().version;
+    if recorded != version {
+        return Err(format!(
+            "{} was recorded by version {recorded}, this is {version}: it may learn otherwise",
+            run.display()
+        ));
+    }
+    Ok(())
+}
+
+fn go_on(
+    args: &ResumeArgs,
+    recording: &Recording,
+    scenario: Arc<Scenario>,
+    stop: &AtomicBool,
+) -> Result<Report, String> {
+    let text = |error: &dyn std::fmt::Display| error.to_string();
+    let world = Arc::new(World::new(&scenario).map_err(|e| text(&e))?);
+    if !args.quiet {
+        eprintln!("learning again from {} recorded frames, then going on", Numbered(recording.frames));
+        for damage in &recording.damage {
+            eprintln!("warning: {damage}");
+        }
+    }
+    let origin = Origin { resumed: true, replay_of: None };
+    let mut sizes = Vec::new();
+    for (number, path) in log_files(&args.run).map_err(|e| text(&e))? {
+        sizes.push((number, path.metadata().map_err(|e| text(&e))?.len()));
+    }
+    let (options, rotation) = log_options(&scenario);
+    let metadata = metadata(&scenario, &origin);
+    let log = RunLog::append(Folder::new(&args.run), &options, rotation, &metadata, &sizes).map_err(|e| text(&e))?;
+    let log = log.expecting(recording.expected.clone(), Repeating::Skip);
+    let recorded = Recorded::new(scenario.clone(), world.clone(), recording.records());
+    let mut source = Resumed::new(recorded, Simulated::new(scenario.clone(), world.clone()));
+    let drive = Drive {
+        scenario: &scenario,
+        world: &world,
+        run: &args.run,
+        stop,
+        quiet: args.quiet,
+        recording: Some(&recording.course),
+        most_actions: None,
+        origin,
+    };
+    drive.go(&mut source, log)
+}

@@ -1,0 +1,143 @@
+//! What two runs have in common, and what not.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+use serde_json::Value;
+
+use super::{Recording, RecordingError};
+use crate::log::messages::{ModelUpdate, PolicyUpdate};
+use crate::log::{LogError, Record, topics};
+
+/// Two runs side by side.
+#[derive(Debug, Clone, Serialize)]
+pub struct Comparison {
+    /// Keys of the scenario that differ, with both values; an empty one where a run does not have the key.
+    pub settings: BTreeMap<String, (String, String)>,
+    /// Frames of both runs.
+    pub frames: (u64, u64),
+    /// Models of both runs.
+    pub models: (usize, usize),
+    /// Epoch of the first model whose digest differs, if one does; the models after it are not comparable.
+    pub first_model_that_differs: Option<u32>,
+    /// Epoch and task of the first policy whose digest differs.
+    pub first_policy_that_differs: Option<(u32, String)>,
+    /// Epoch by epoch, where both have one: support vectors and mean slowness.
+    pub epochs: Vec<Epoch>,
+}
+
+/// One model of both runs.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Epoch {
+    /// Its number.
+    pub epoch: u32,
+    /// The frame at which it was asked for.
+    pub asked_at: (u64, u64),
+    /// Support vectors.
+    pub support_vectors: (u32, u32),
+    /// Mean slowness, 1/s².
+    pub slowness: (f64, f64),
+    /// Whether all bits are equal.
+    pub equal: bool,
+}
+
+struct Models {
+    models: BTreeMap<u32, ModelUpdate>,
+    policies: BTreeMap<(u32, String), String>,
+}
+
+/// Compare two recorded runs.
+///
+/// # Errors
+/// A file that cannot be read.
+pub fn compare(a: &Recording, b: &Recording) -> Result<Comparison, RecordingError> {
+    let (of_a, of_b) = (models(a)?, models(b)?);
+    let epochs: Vec<Epoch> = of_a
+        .models
+        .values()
+        .filter_map(|model| of_b.models.get(&model.epoch).map(|other| epoch(model, other)))
+        .collect();
+    let first_policy_that_differs = of_a
+        .policies
+        .iter()
+        .find(|(key, digest)| of_b.policies.get(key).is_some_and(|other| other != *digest))
+        .map(|(key, _)| key.clone());
+    Ok(Comparison {
+        settings: settings(a, b),
+        frames: (a.frames, b.frames),
+        models: (of_a.models.len(), of_b.models.len()),
+        first_model_that_differs: epochs.iter().find(|epoch| !epoch.equal).map(|epoch| epoch.epoch),
+        first_policy_that_differs,
+        epochs,
+    })
+}
+
+fn epoch(a: &ModelUpdate, b: &ModelUpdate) -> Epoch {
+    let mean = |model: &ModelUpdate| model.slowness.iter().sum::<f64>() / model.slowness.len() as f64;
+    Epoch {
+        epoch: a.epoch,
+        asked_at: (a.asked_at_frame, b.asked_at_frame),
+        support_vectors: (a.support_vectors, b.support_vectors),
+        slowness: (mean(a), mean(b)),
+        equal: a.digest == b.digest,
+    }
+}
+
+fn models(recording: &Recording) -> Result<Models, LogError> {
+    let mut found = Models { models: BTreeMap::new(), policies: BTreeMap::new() };
+    for record in recording.records() {
+        match record {
+            Ok(record @ Record::Message { .. }) => {
+                let Record::Message { topic, .. } = &record else { continue };
+                if **topic == *topics::MODEL.name() {
+                    if let Ok(model) = record.decode::<ModelUpdate>() {
+                        found.models.insert(model.epoch, model);
+                    }
+                } else if **topic == *topics::POLICY.name()
+                    && let Ok(policy) = record.decode::<PolicyUpdate>()
+                {
+                    found.policies.insert((policy.epoch, policy.task), policy.digest);
+                }
+            }
+            Err(error @ (LogError::Open { .. } | LogError::Read { .. })) => return Err(error),
+            // Damage is told by whoever opened the recording.
+            _ => {}
+        }
+    }
+    Ok(found)
+}
+
+/// Keys of both scenarios whose values differ.
+fn settings(a: &Recording, b: &Recording) -> BTreeMap<String, (String, String)> {
+    let (a, b) = (flat(a), flat(b));
+    let keys: std::collections::BTreeSet<&String> = a.keys().chain(b.keys()).collect();
+    keys.into_iter()
+        .map(|key| (key, (a.get(key).cloned().unwrap_or_default(), b.get(key).cloned().unwrap_or_default())))
+        .filter(|(_, (one, other))| one != other)
+        .map(|(key, values)| (key.clone(), values))
+        .collect()
+}
+
+fn flat(recording: &Recording) -> BTreeMap<String, String> {
+    let mut keys = BTreeMap::new();
+    let text = recording.metadata.get("scenario").map_or("", String::as_str);
+    if let Ok(table) = text.parse::<toml::Table>()
+        && let Ok(value) = serde_json::to_value(table)
+    {
+        flatten("", &value, &mut keys);
+    }
+    keys
+}
+
+fn flatten(name: &str, value: &Value, keys: &mut BTreeMap<String, String>) {
+    let inner = |key: &str| if name.is_empty() { key.to_owned() } else { format!("{name}.{key}") };
+    match value {
+        Value::Object(table) => table.iter().for_each(|(key, value)| flatten(&inner(key), value, keys)),
+        Value::Array(list) if list.iter().any(Value::is_object) => {
+            list.iter().enumerate().for_each(|(place, value)| flatten(&inner(&place.to_string()), value, keys));
+        }
+        other => {
+            keys.insert(name.to_owned(), other.to_string());
+        }
+    }
+}

@@ -1,0 +1,174 @@
+//! What a run's log holds beside its frames, in one pass.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use thiserror::Error;
+
+use crate::agent::Course;
+use crate::log::messages::{Decision, FrameTaken, ModelRequest, ModelUpdate};
+use crate::log::writer::METADATA_NAME;
+use crate::log::{Ending, Expected, FilesReader, LogError, Message, Record, log_files, topics};
+use crate::scenario::{Scenario, ScenarioError};
+
+/// Why a run cannot be repeated.
+#[derive(Debug, Error)]
+pub enum RecordingError {
+    /// The folder or file cannot be read.
+    #[error("cannot open the run {path}: {cause}")]
+    Open {
+        /// The folder or file.
+        path: PathBuf,
+        /// What the operating system says.
+        cause: std::io::Error,
+    },
+    /// There is nothing in it.
+    #[error("{0} holds no log file run_NNN.mcap: it is not a run folder")]
+    Empty(PathBuf),
+    /// The log does not say what was run.
+    #[error("{0} does not say which scenario was run: its metadata is missing, or another program wrote it")]
+    NoScenario(PathBuf),
+    /// The log has no frames that could be repeated.
+    #[error("{path} holds no frames: {found} messages on {topic}")]
+    NoFrames {
+        /// The run.
+        path: PathBuf,
+        /// Messages on that topic.
+        found: u64,
+        /// The topic that frames are known by.
+        topic: &'static str,
+    },
+    /// Its scenario, with the changes that were asked for, is not valid.
+    #[error(transparent)]
+    Scenario(#[from] ScenarioError),
+    /// A file cannot be read.
+    #[error(transparent)]
+    Log(#[from] LogError),
+}
+
+/// A recorded run.
+#[derive(Debug, Clone)]
+pub struct Recording {
+    /// The log files, in order.
+    pub files: Vec<PathBuf>,
+    /// Where the scenario's image files are looked for.
+    path: PathBuf,
+    /// Texts about the run.
+    pub metadata: BTreeMap<String, String>,
+    /// Requests, swaps, decisions.
+    pub course: Course,
+    /// The messages that a repetition must log again.
+    pub expected: Expected,
+    /// Number of the first frame that is there; not 0 if the oldest files were deleted.
+    pub first_frame: u64,
+    /// Frames.
+    pub frames: u64,
+    /// Whether the last file was closed.
+    pub closed: bool,
+    /// Records that could not be read, the first 20.
+    pub damage: Vec<String>,
+    /// Number of records that could not be read.
+    pub damaged: u64,
+}
+
+/// Damaged records that are described one by one.
+const MOST_DAMAGE: usize = 20;
+
+impl Recording {
+    /// Read the log of a run folder, or one log file.
+    ///
+    /// # Errors
+    /// See [`RecordingError`]. Damage within the log is part of the result.
+    pub fn open(run: &Path) -> Result<Self, RecordingError> {
+        let files: Vec<PathBuf> = if run.is_file() {
+            vec![run.to_owned()]
+        } else {
+            let files = log_files(run).map_err(|cause| RecordingError::Open { path: run.to_owned(), cause })?;
+            files.into_iter().map(|(_, path)| path).collect()
+        };
+        let Some(first) = files.first() else { return Err(RecordingError::Empty(run.to_owned())) };
+        let mut recording = Recording {
+            path: first.clone(),
+            files: files.clone(),
+            metadata: BTreeMap::new(),
+            course: Course::default(),
+            expected: Expected::default(),
+            first_frame: u64::MAX,
+            frames: 0,
+            closed: false,
+            damage: Vec::new(),
+            damaged: 0,
+        };
+        let mut records = FilesReader::new(files);
+        for record in records.by_ref() {
+            match record.and_then(|record| recording.read(&record)) {
+                Ok(()) => {}
+                Err(error @ (LogError::Open { .. } | LogError::Read { .. })) => return Err(error.into()),
+                Err(error) => {
+                    recording.damaged += 1;
+                    if recording.damage.len() < MOST_DAMAGE {
+                        recording.damage.push(error.to_string());
+                    }
+                }
+            }
+        }
+        recording.closed = records.endings().last() == Some(&Ending::Complete);
+        if recording.metadata.is_empty() {
+            return Err(RecordingError::NoScenario(run.to_owned()));
+        }
+        if recording.frames == 0 {
+            let topic = topics::FRAME.name();
+            return Err(RecordingError::NoFrames { path: run.to_owned(), found: recording.frames, topic });
+        }
+        Ok(recording)
+    }
+
+    fn read(&mut self, record: &Record) -> Result<(), LogError> {
+        let (topic, stamp_ns, data) = match record {
+            Record::Message { topic, log_time_ns, data, .. } => (topic, *log_time_ns, data),
+            Record::Metadata { name, map } if name == METADATA_NAME => {
+                // Every file has it; what differs is the file's number.
+                if self.metadata.is_empty() {
+                    self.metadata.clone_from(map);
+                }
+                return Ok(());
+            }
+            _ => return Ok(()),
+        };
+        self.expected.record(topic, stamp_ns, data);
+        let is = |name: &str| **topic == *name;
+        if is(topics::FRAME.name()) {
+            let taken: FrameTaken = decode(record)?;
+            self.first_frame = self.first_frame.min(taken.frame);
+            self.frames += 1;
+            self.course.seen(taken.frame);
+        } else if is(topics::REQUEST.name()) {
+            self.course.asked(decode::<ModelRequest>(record)?.frame);
+        } else if is(topics::MODEL.name()) {
+            let update: ModelUpdate = decode(record)?;
+            self.course.effective(update.asked_at_frame, update.effective_at_frame);
+        } else if is(topics::DECISION.name()) {
+            decode::<Decision>(record)?;
+            self.course.decided();
+        }
+        Ok(())
+    }
+
+    /// The scenario that was run, with changes.
+    ///
+    /// # Errors
+    /// It is not valid with them.
+    pub fn scenario(&self, sets: &[String]) -> Result<Scenario, RecordingError> {
+        let text = self.metadata.get("scenario").ok_or_else(|| RecordingError::NoScenario(self.path.clone()))?;
+        Ok(Scenario::parse(text, &self.path, sets)?)
+    }
+
+    /// A reader of all its files.
+    pub fn records(&self) -> FilesReader {
+        FilesReader::new(self.files.clone())
+    }
+}
+
+fn decode<M: Message>(record: &Record) -> Result<M, LogError> {
+    record.decode()
+}

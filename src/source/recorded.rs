@@ -1,0 +1,202 @@
+//! Frames from the log of an earlier run.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use nalgebra::Point2;
+
+use super::{Frame, Source, View, boundary};
+use crate::log::files::FilesReader;
+use crate::log::messages::{self as msg, FrameTaken, Image, LaserScan, Odometry, PoseStamped};
+use crate::log::{LogError, Message, Record, topics};
+use crate::scenario::Scenario;
+use crate::world::{Action, Pose, World};
+
+/// What was sensed with a frame, as far as it was read.
+#[derive(Default)]
+struct Parts {
+    pose: Option<Pose>,
+    odometry: Option<Pose>,
+    sonar: Option<Vec<f32>>,
+    taken: Option<FrameTaken>,
+}
+
+/// A recorded run as the source of frames. What it is told to do changes nothing: the robot did what it did.
+///
+/// Rewards and goals are computed again from the recorded pose, so that other tasks can be asked about.
+pub struct Recorded {
+    scenario: Arc<Scenario>,
+    world: Arc<World>,
+    records: FilesReader,
+    /// Sequence number of the frame that is being put together.
+    sequence: u32,
+    parts: Parts,
+    ahead: VecDeque<Frame>,
+    /// Frames that lack a part, and records that could not be read.
+    damaged: u64,
+}
+
+impl Recorded {
+    /// The frames of a run's log files; tasks and world are the scenario's.
+    pub fn new(scenario: Arc<Scenario>, world: Arc<World>, records: FilesReader) -> Self {
+        let (parts, ahead) = (Parts::default(), VecDeque::new());
+        Recorded { scenario, world, records, sequence: 0, parts, ahead, damaged: 0 }
+    }
+
+    /// Frames that could not be put together, and records that could not be read, so far.
+    pub fn damaged(&self) -> u64 {
+        self.damaged
+    }
+
+    /// The next frame.
+    pub fn take(&mut self) -> Option<Frame> {
+        self.fill();
+        self.ahead.pop_front()
+    }
+
+    /// Whether there is a frame left.
+    pub fn has_more(&mut self) -> bool {
+        self.fill();
+        !self.ahead.is_empty()
+    }
+
+    fn fill(&mut self) {
+        while self.ahead.is_empty() {
+            match self.records.next() {
+                None => return,
+                Some(Ok(record)) => {
+                    if self.read(&record).is_err() {
+                        self.damaged += 1;
+                    }
+                }
+                Some(Err(_)) => self.damaged += 1,
+            }
+        }
+    }
+
+    /// Take note of a record. The observation is the last part of a frame that is logged.
+    fn read(&mut self, record: &Record) -> Result<(), LogError> {
+        let Record::Message { topic, sequence, log_time_ns, .. } = record else { return Ok(()) };
+        let is = |name: &str| **topic == *name;
+        let part_of_frame = [
+            topics::POSE.name(),
+            topics::ODOMETRY.name(),
+            topics::SONAR.name(),
+            topics::FRAME.name(),
+            topics::OBSERVATION.name(),
+        ];
+        if !part_of_frame.contains(&&**topic) {
+            return Ok(());
+        }
+        if *sequence != self.sequence {
+            (self.sequence, self.parts) = (*sequence, Parts::default());
+        }
+        if is(topics::POSE.name()) {
+            self.parts.pose = Some(planar(&decode::<PoseStamped>(record)?.pose));
+        } else if is(topics::ODOMETRY.name()) {
+            self.parts.odometry = Some(planar(&decode::<Odometry>(record)?.pose.pose));
+        } else if is(topics::SONAR.name()) {
+            let scan = decode::<LaserScan>(record)?;
+            // Nothing within range is +∞ in the log.
+            self.parts.sonar = Some(scan.ranges.iter().map(|&range| range.min(scan.range_max)).collect());
+        } else if is(topics::FRAME.name()) {
+            self.parts.taken = Some(decode(record)?);
+        } else {
+            let image = decode::<Image>(record)?;
+            let parts = std::mem::take(&mut self.parts);
+            match self.frame(parts, image, *log_time_ns) {
+                Some(frame) => self.ahead.push_back(frame),
+                None => self.damaged += 1,
+            }
+        }
+        Ok(())
+    }
+
+    fn frame(&self, parts: Parts, image: Image, stamp_ns: u64) -> Option<Frame> {
+        let Parts { pose: Some(pose), odometry: Some(odometry), sonar: Some(sonar), taken: Some(taken) } = parts else {
+            return None;
+        };
+        let vision = &self.scenario.vision;
+        if image.data.len() != 3 * vision.width * vision.height {
+            return None;
+        }
+        let action = match taken.action {
+            FrameTaken::NO_ACTION => None,
+            number => Some(*Action::ALL.get(usize::from(number))?),
+        };
+        let came_to = || boundary(&self.world, &self.scenario.tasks, pose.position, taken.blocked);
+        Some(Frame {
+            number: taken.frame,
+            stamp_ns,
+            view: View::Observation(image.data),
+            pose,
+            odometry,
+            sonar,
+            action,
+            boundary: taken.boundary.then(came_to),
+        })
+    }
+}
+
+impl Source for Recorded {
+    fn first(&mut self) -> Option<Frame> {
+        self.take()
+    }
+
+    fn execute(&mut self, _: Action, give: &mut dyn FnMut(Frame) -> bool) -> bool {
+        while let Some(frame) = self.take() {
+            let ends = frame.boundary.is_some();
+            if !give(frame) {
+                break;
+            }
+            if ends {
+                return self.has_more();
+            }
+        }
+        false
+    }
+}
+
+/// A run that goes on: the frames of its log first, then those of the robot.
+pub struct Resumed<S> {
+    recorded: Recorded,
+    live: S,
+}
+
+impl<S: Source> Resumed<S> {
+    /// The recorded frames, then those of `live`, a simulated robot at its start: it repeats what the recorded one did.
+    pub fn new(recorded: Recorded, live: S) -> Self {
+        Resumed { recorded, live }
+    }
+}
+
+impl<S: Source> Source for Resumed<S> {
+    fn first(&mut self) -> Option<Frame> {
+        let first = self.live.first();
+        self.recorded.take().or(first)
+    }
+
+    fn execute(&mut self, action: Action, give: &mut dyn FnMut(Frame) -> bool) -> bool {
+        let mut last = None;
+        while let Some(frame) = self.recorded.take() {
+            last = Some(frame.number);
+            let ends = frame.boundary.is_some();
+            if !give(frame) {
+                return true;
+            }
+            if ends {
+                return self.live.execute(action, &mut |_| true);
+            }
+        }
+        // The log may end in the middle of an action: the rest of its frames come from the robot.
+        self.live.execute(action, &mut |frame| last.is_some_and(|last| frame.number <= last) || give(frame))
+    }
+}
+
+fn decode<M: Message>(record: &Record) -> Result<M, LogError> {
+    record.decode()
+}
+
+fn planar(pose: &msg::Pose) -> Pose {
+    Pose::new(Point2::new(pose.position.x, pose.position.y), pose.heading())
+}
