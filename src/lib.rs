@@ -35,6 +35,7 @@
 //! | [`policy`] | exploration, pursuit, reflexes, reference, optimum |
 //! | [`agent`] | the actors and their queues |
 //! | [`log`] | messages, CDR, writer, reader |
+//! | [`parts`] | objects put away and made again, bit for bit |
 //! | [`replay`] | a recorded run once more; two runs side by side |
 //! | [`evaluate`] | trials, convergence quality, pose decoding |
 //! | [`report`] | what a run came to |
@@ -102,6 +103,7 @@ pub mod dictionary;
 pub mod evaluate;
 pub mod kernel;
 pub mod log;
+pub mod parts;
 pub mod policy;
 pub mod random;
 pub mod regression;

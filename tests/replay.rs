@@ -171,3 +171,31 @@ fn a_realtime_run_that_was_cut_off_goes_on_and_is_repeated() {
         assert_eq!(verify(folder.path(), "run")["digest"], report(&run)["digest"]);
     }
 }
+
+#[test]
+fn a_run_that_was_interrupted_goes_on_to_the_end_of_one_that_was_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let actions = ["--actions", "800"];
+    let whole = report(&smoke_run(folder.path(), "whole", &actions));
+    let scenario = common::package_file("scenarios/smoke.toml");
+    let mut running = std::process::Command::new(env!("CARGO_BIN_EXE_adagio"))
+        .args(["run", scenario.to_str().unwrap(), "--quiet", "--out", "run"])
+        .args(actions)
+        .current_dir(folder.path())
+        .spawn()
+        .unwrap();
+    let run = folder.path().join("run");
+    while std::fs::metadata(run.join("run_000.mcap")).map_or(0, |data| data.len()) < 500_000 {
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+    let interrupt = std::process::Command::new("kill").args(["-INT", &running.id().to_string()]).status().unwrap();
+    assert!(interrupt.success() && running.wait().unwrap().success());
+    let frames = report(&run)["run"]["frames"].as_u64().unwrap();
+    assert!(frames < 4001, "it was not interrupted");
+    // Its log is that of a whole, short run.
+    assert_eq!(verify(folder.path(), "run")["digest"], report(&run)["digest"]);
+    let output = adagio(folder.path(), &["resume", "run", "--quiet"]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert_eq!(report(&run)["digest"], whole["digest"]);
+    assert_eq!(verify(folder.path(), "run")["digest"], whole["digest"]);
+}

@@ -96,6 +96,9 @@ pub fn perceive(
     let (mut last_boundary, mut last_number) = (None, None);
     loop {
         let Ok(frame) = frames.take() else {
+            if let Some(frame) = last_number {
+                let _ = record.end(frame, status.snapshot().stamp_ns);
+            }
             let last = perceive.finish()?;
             // Whoever is gone by now has failed, and that is reported.
             let _ = deliver(last, &mut done, solve, record, status);
@@ -330,15 +333,17 @@ fn curve_point(learned: &Learned, results: &[TaskResult], scenario: &Scenario) -
 /// The health actor: how the run is doing, once a second.
 pub fn watch_health(record: &Recorder, status: &Status, over: &AtomicBool) {
     let (mut last, mut frames) = (Instant::now(), 0);
-    while !over.load(Ordering::Relaxed) {
+    loop {
         std::thread::sleep(Duration::from_millis(20));
-        if last.elapsed() < HEALTH_INTERVAL {
+        // Once more at the end: it counts all that was dropped.
+        let ends = over.load(Ordering::Relaxed);
+        if last.elapsed() < HEALTH_INTERVAL && !ends {
             continue;
         }
         let now = status.snapshot();
         let rate = (now.frames - frames) as f64 / last.elapsed().as_secs_f64();
         (last, frames) = (Instant::now(), now.frames);
-        if record.health(&now, rate, resident_bytes().unwrap_or(0)).is_err() {
+        if record.health(&now, rate, resident_bytes().unwrap_or(0)).is_err() || ends {
             return;
         }
     }

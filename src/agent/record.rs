@@ -180,6 +180,12 @@ impl Recorder {
         self.write(topics::DICTIONARY, growth.last_frame, growth.stamp_ns, message)
     }
 
+    /// The last frame.
+    pub fn end(&self, frame: u64, stamp_ns: u64) -> Result<(), Closed> {
+        let message = msg::RunEnd { header: msg::Header::new(stamp_ns, ""), frame };
+        self.write(topics::END, frame, stamp_ns, message)
+    }
+
     /// A request for a model.
     pub fn request(&self, request: &SolveRequest) -> Result<(), Closed> {
         let message = msg::ModelRequest {

@@ -140,6 +140,7 @@ pub fn metadata(scenario: &Scenario, origin: &Origin) -> BTreeMap<String, String
         ("scenario_name".to_owned(), scenario.name.clone()),
         ("scenario_sha256".to_owned(), scenario.sha256()),
         ("seed".to_owned(), scenario.seed.to_string()),
+        ("part".to_owned(), origin.part.to_string()),
         ("version".to_owned(), program.version.to_owned()),
         ("commit".to_owned(), program.commit.unwrap_or("unknown").to_owned()),
     ]);

@@ -70,7 +70,7 @@ fn again(
     };
     let result = (|| {
         drive::write(&run, "scenario.toml", scenario.text.as_bytes())?;
-        let origin = Origin { resumed: false, replay_of: Some(args.run.display().to_string()) };
+        let origin = Origin { part: 0, replay_of: Some(args.run.display().to_string()) };
         let (options, rotation) = log_options(&scenario);
         let log = RunLog::create(Folder::new(&run), &options, rotation, &metadata(&scenario, &origin));
         let mut source = Recorded::new(scenario.clone(), world.clone(), recording.records());
@@ -141,7 +141,7 @@ fn compared(
 ) -> Result<Verified, String> {
     let (options, rotation) = log_options(scenario);
     let log = RunLog::create(Nowhere, &options, rotation, &recording.metadata).map_err(|error| error.to_string())?;
-    let log = log.expecting(recording.expected.clone(), Repeating::Write);
+    let log = log.expecting(recording.expected(), Repeating::Write);
     let mut source = Recorded::new(scenario.clone(), world, recording.records());
     // A recording that was not closed may end in the middle of an action, or before a decision.
     let most_actions = recording.course.decisions() + u64::from(!recording.closed);

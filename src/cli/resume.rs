@@ -75,7 +75,7 @@ fn go_on(
             eprintln!("warning: {damage}");
         }
     }
-    let origin = Origin { resumed: true, replay_of: None };
+    let origin = Origin { part: recording.part + 1, replay_of: None };
     let mut sizes = Vec::new();
     for (number, path) in log_files(&args.run).map_err(|e| text(&e))? {
         sizes.push((number, path.metadata().map_err(|e| text(&e))?.len()));
@@ -83,7 +83,8 @@ fn go_on(
     let (options, rotation) = log_options(&scenario);
     let metadata = metadata(&scenario, &origin);
     let log = RunLog::append(Folder::new(&args.run), &options, rotation, &metadata, &sizes).map_err(|e| text(&e))?;
-    let log = log.expecting(recording.expected.clone(), Repeating::Skip);
+    let (expected, course) = recording.open_end();
+    let log = log.expecting(expected, Repeating::Skip);
     let recorded = Recorded::new(scenario.clone(), world.clone(), recording.records());
     let mut source = Resumed::new(recorded, Simulated::new(scenario.clone(), world.clone()));
     let drive = Drive {
@@ -92,7 +93,7 @@ fn go_on(
         run: &args.run,
         stop,
         quiet: args.quiet,
-        recording: Some(&recording.course),
+        recording: Some(&course),
         most_actions: None,
         origin,
     };

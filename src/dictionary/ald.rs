@@ -6,6 +6,7 @@ use faer::{Mat, MatRef, Par};
 use super::error::{check_budget, check_nu};
 use super::{Block, Dictionary, DictionaryError, Selection, Thinning};
 use crate::kernel::{Kernel, Scalar};
+use crate::parts::{Parts, PartsError};
 
 /// What an [`Ald`] does when its budget is used up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -196,5 +197,11 @@ impl<T: Scalar> Selection<T> for Ald<T> {
 
     fn nu(&self) -> Option<f64> {
         Some(self.nu)
+    }
+
+    fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
+        parts.inner("dictionary", &mut self.dictionary)?;
+        parts.number("nu", &mut self.nu)?;
+        parts.check("nu", check_nu(self.nu).is_ok(), "not a threshold")
     }
 }

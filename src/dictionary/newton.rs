@@ -8,6 +8,7 @@ use faer::{Accum, Mat, MatRef, Par};
 use super::DictionaryError;
 use crate::kernel::products::{for_columns, product, solve_lower};
 use crate::kernel::{self, Kernel, KernelError, Scalar, squared_norms};
+use crate::parts::{Parts, PartsError, Persist};
 
 /// What a block of observations did.
 #[derive(Debug, Clone)]
@@ -144,6 +145,20 @@ pub struct Dictionary<T: Scalar> {
     factor: Mat<f64>,
     /// Storage is not reserved beyond this, unless it is needed.
     expected: usize,
+}
+
+impl<T: Scalar> Persist for Dictionary<T> {
+    fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
+        let room = |_: usize, columns: usize| capacity(columns, self.expected);
+        parts.matrix("members", &mut self.members, |rows, columns| (rows, room(rows, columns)))?;
+        parts.matrix("factor", &mut self.factor, |rows, columns| (room(columns, rows), room(rows, columns)))?;
+        parts.numbers("norms", &mut self.norms)?;
+        parts.value("serials", &mut self.serials)?;
+        parts.value("accepted", &mut self.accepted)?;
+        let m = self.norms.len();
+        let sizes = [self.members.ncols(), self.factor.nrows(), self.factor.ncols(), self.serials.len()];
+        parts.check("factor", sizes == [m; 4], "the sizes do not fit each other")
+    }
 }
 
 /// Residuals below this share of `k(x, x)` are rounding: such an observation is a combination of the support vectors, and

@@ -7,6 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use super::error::check_budget;
 use super::{Block, Dictionary, DictionaryError, Selection, Thinning};
 use crate::kernel::{Kernel, Scalar};
+use crate::parts::{Parts, PartsError};
 use crate::random::stream;
 
 /// A uniformly random sample of all observations so far: the support vectors of the Nyström method, as a stream.
@@ -105,5 +106,13 @@ impl<T: Scalar> Selection<T> for Reservoir<T> {
 
     fn nu(&self) -> Option<f64> {
         None
+    }
+
+    fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
+        parts.inner("dictionary", &mut self.dictionary)?;
+        parts.random("random", &mut self.random)?;
+        parts.value("seen", &mut self.seen)?;
+        parts.value("places", &mut self.places)?;
+        parts.value("leaving", &mut self.leaving)
     }
 }

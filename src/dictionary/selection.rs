@@ -7,6 +7,7 @@ use faer::MatRef;
 use super::feature_ald::FeatureMap;
 use super::{Block, Dictionary, DictionaryError, Thinning};
 use crate::kernel::Scalar;
+use crate::parts::{Parts, PartsError};
 
 /// A dictionary with a rule for what it takes, and for what leaves when the budget is exceeded.
 ///
@@ -48,6 +49,15 @@ pub trait Selection<T: Scalar>: Debug + Send {
 
     /// The threshold ν on the residual at this moment; `None` where there is none.
     fn nu(&self) -> Option<f64>;
+
+    /// Put away or make again what it has become, see [`Persist`](crate::parts::Persist); its parameters are those that it was
+    /// made with.
+    ///
+    /// # Errors
+    /// A selection that cannot be put away; parts that are missing or do not fit.
+    fn persist(&mut self, _parts: &mut Parts) -> Result<(), PartsError> {
+        Err(PartsError::Unable("this selection of support vectors"))
+    }
 
     /// Take new features to judge observations by. Only [`FeatureAld`](super::FeatureAld) has a use for them.
     ///

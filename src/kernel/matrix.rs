@@ -7,9 +7,10 @@ use pulp::{Arch, NullaryFnOnce};
 use super::error::KernelError;
 use super::function::{Form, Kernel, gaussian, laplacian, normalised_polynomial, polynomial, radial};
 use super::products::{join, near_half};
+use crate::parts::Element;
 
 /// The number type of observations: `f32` or `f64`.
-pub trait Scalar: faer::traits::ComplexField + Copy + Into<f64> + Send + Sync + 'static {
+pub trait Scalar: faer::traits::ComplexField + Element + Default + Into<f64> + Send + Sync + 'static {
     /// The largest finite number of the type: products of observations must stay below it.
     const LARGEST: f64;
 }

@@ -9,10 +9,11 @@ use std::hash::{DefaultHasher, Hasher};
 use super::topics;
 
 /// Topics whose messages follow from scenario, seed and frames alone, in the order in which a difference shows on them.
-const REPEATABLE: [&str; 9] = [
+const REPEATABLE: [&str; 10] = [
     topics::OBSERVATION.name(),
     topics::FRAME.name(),
     topics::TRANSITION.name(),
+    topics::END.name(),
     topics::DICTIONARY.name(),
     topics::REQUEST.name(),
     topics::MODEL.name(),

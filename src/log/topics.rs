@@ -6,7 +6,7 @@ use std::{fmt, marker::PhantomData};
 
 use super::messages::{
     Decision, DictionaryGrowth, Evaluation, FrameTaken, Health, Image, LaserScan, Log, ModelRequest, ModelUpdate,
-    Odometry, PolicyUpdate, PoseStamped, Transition, TwistStamped,
+    Odometry, PolicyUpdate, PoseStamped, RunEnd, Transition, TwistStamped,
 };
 use super::{Message, cdr};
 
@@ -102,6 +102,8 @@ topics! {
     MODEL: ModelUpdate = "/adagio/model";
     /// New policies.
     POLICY: PolicyUpdate = "/adagio/policy";
+    /// The last frame of a run, or of a part of it.
+    END: RunEnd = "/adagio/end";
     /// Policies tried out.
     EVALUATION: Evaluation = "/adagio/evaluation";
     /// The program's own state.

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use thiserror::Error;
 
@@ -55,10 +56,16 @@ pub struct Recording {
     path: PathBuf,
     /// Texts about the run.
     pub metadata: BTreeMap<String, String>,
+    /// How often the run went on after it had ended.
+    pub part: u32,
     /// Requests, swaps, decisions.
     pub course: Course,
-    /// The messages that a repetition must log again.
-    pub expected: Expected,
+    /// The messages that a run that goes on must log again.
+    expected: Expected,
+    /// Messages after the last frame, which finished the run: a repetition logs them too, a run that goes on does not.
+    closing: Vec<(Arc<str>, u64, Vec<u8>)>,
+    /// The course without what finished the run.
+    open_course: Option<Course>,
     /// Number of the first frame that is there; not 0 if the oldest files were deleted.
     pub first_frame: u64,
     /// Frames.
@@ -91,8 +98,11 @@ impl Recording {
             path: first.clone(),
             files: files.clone(),
             metadata: BTreeMap::new(),
+            part: 0,
             course: Course::default(),
             expected: Expected::default(),
+            closing: Vec::new(),
+            open_course: None,
             first_frame: u64::MAX,
             frames: 0,
             closed: false,
@@ -123,20 +133,40 @@ impl Recording {
         Ok(recording)
     }
 
+    /// Every file has the same texts, but for its number and that of the part of the run.
+    fn begin_file(&mut self, metadata: &BTreeMap<String, String>) {
+        let part = metadata.get("part").and_then(|part| part.parse().ok()).unwrap_or(0);
+        if part > self.part {
+            self.part = part;
+            // The run went on: what had finished the part before does not count.
+            self.closing.clear();
+            if let Some(course) = self.open_course.take() {
+                self.course = course;
+            }
+        }
+        if self.metadata.is_empty() {
+            self.metadata.clone_from(metadata);
+        }
+    }
+
     fn read(&mut self, record: &Record) -> Result<(), LogError> {
         let (topic, stamp_ns, data) = match record {
             Record::Message { topic, log_time_ns, data, .. } => (topic, *log_time_ns, data),
             Record::Metadata { name, map } if name == METADATA_NAME => {
-                // Every file has it; what differs is the file's number.
-                if self.metadata.is_empty() {
-                    self.metadata.clone_from(map);
-                }
+                self.begin_file(map);
                 return Ok(());
             }
             _ => return Ok(()),
         };
-        self.expected.record(topic, stamp_ns, data);
         let is = |name: &str| **topic == *name;
+        if is(topics::END.name()) {
+            self.open_course = Some(self.course.clone());
+        }
+        if self.open_course.is_some() {
+            self.closing.push((topic.clone(), stamp_ns, data.clone()));
+        } else {
+            self.expected.record(topic, stamp_ns, data);
+        }
         if is(topics::FRAME.name()) {
             let taken: FrameTaken = decode(record)?;
             self.first_frame = self.first_frame.min(taken.frame);
@@ -161,6 +191,20 @@ impl Recording {
     pub fn scenario(&self, sets: &[String]) -> Result<Scenario, RecordingError> {
         let text = self.metadata.get("scenario").ok_or_else(|| RecordingError::NoScenario(self.path.clone()))?;
         Ok(Scenario::parse(text, &self.path, sets)?)
+    }
+
+    /// The messages that a repetition of the whole run must log again.
+    pub fn expected(&self) -> Expected {
+        let mut expected = self.expected.clone();
+        for (topic, stamp_ns, body) in &self.closing {
+            expected.record(topic, *stamp_ns, body);
+        }
+        expected
+    }
+
+    /// What a run that goes on must do again: the messages that it must log again, and its course.
+    pub fn open_end(&self) -> (Expected, Course) {
+        (self.expected.clone(), self.open_course.clone().unwrap_or_else(|| self.course.clone()))
     }
 
     /// A reader of all its files.

@@ -97,8 +97,8 @@ pub struct Run {
 /// Where a run's frames came from, if not from a robot alone.
 #[derive(Debug, Clone, Default)]
 pub struct Origin {
-    /// It went on with an earlier one.
-    pub resumed: bool,
+    /// How often it went on after it had ended: 0 for a run of one part.
+    pub part: u32,
     /// The run whose recorded frames it was given.
     pub replay_of: Option<String>,
 }
@@ -180,7 +180,7 @@ impl Report {
                 frames_per_second: outcome.frames as f64 / outcome.seconds,
                 dropped_frames: outcome.dropped,
                 quarantined_frames: outcome.quarantined,
-                resumed: origin.resumed,
+                resumed: origin.part > 0,
                 replay_of: origin.replay_of,
                 without_model: outcome.without_model.clone(),
             },

@@ -6,6 +6,7 @@ use super::error::SlowError;
 use super::links::{Link, check_links};
 use crate::dictionary::Thinning;
 use crate::kernel::products::{add_square, product};
+use crate::parts::{Parts, PartsError, Persist};
 
 /// The most coordinates that are summed over: two matrices of this size squared take 64 GiB.
 pub const MOST_COORDINATES: usize = 1 << 16;
@@ -255,6 +256,20 @@ impl Moments {
     /// steady drift is motion, too.
     pub fn rate(&self) -> Mat<f64> {
         symmetric(self.size(), |i, j| self.derivative[(i, j)] / self.links)
+    }
+}
+
+impl Persist for Moments {
+    fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
+        let room = |rows: usize, columns: usize| (rows, columns);
+        parts.number("frames", &mut self.frames)?;
+        parts.number("links", &mut self.links)?;
+        parts.matrix("sum", &mut self.sum, room)?;
+        parts.matrix("square", &mut self.square, room)?;
+        parts.matrix("derivative", &mut self.derivative, room)?;
+        let m = self.sum.nrows();
+        let sizes = [&self.square, &self.derivative].map(|matrix| (matrix.nrows(), matrix.ncols()));
+        parts.check("square", sizes == [(m, m); 2] && self.sum.ncols() == 1, "the sizes do not fit each other")
     }
 }
 

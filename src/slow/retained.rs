@@ -11,6 +11,7 @@ use super::moments::{Moments, NewRows};
 use crate::dictionary::{Dictionary, Thinning, capacity};
 use crate::kernel::Scalar;
 use crate::kernel::products::{add_product, add_square};
+use crate::parts::{Parts, PartsError, Persist};
 
 /// How frames fade.
 #[derive(Debug, Clone, Copy)]
@@ -81,6 +82,61 @@ impl<T: Scalar> Chunk<T> {
     }
 }
 
+impl<T: Scalar> Chunk<T> {
+    /// Put away or make again; of the matrices only the columns in use are kept.
+    fn persist(&mut self, parts: &mut Parts, size: usize, budget: usize) -> Result<(), PartsError> {
+        let (mut x, mut v) = (Mat::new(), Mat::new());
+        if !parts.is_restoring() {
+            x = self.x.as_ref().subcols(0, self.len()).to_owned();
+            v = self.coordinates().to_owned();
+        }
+        parts.matrix("x", &mut x, |rows, _| (rows, size))?;
+        parts.matrix("v", &mut v, |rows, _| (capacity(rows, budget), size))?;
+        parts.numbers("norms", &mut self.norms)?;
+        let mut links: Vec<Option<(u64, u64)>> =
+            self.links.iter().map(|link| link.map(|link| (link.dt.to_bits(), link.weight.to_bits()))).collect();
+        parts.value("links", &mut links)?;
+        parts.value("times", &mut self.times)?;
+        parts.value("summed", &mut self.summed)?;
+        if parts.is_restoring() {
+            let link = |(dt, weight): (u64, u64)| Link { dt: f64::from_bits(dt), weight: f64::from_bits(weight) };
+            self.links = links.into_iter().map(|bits| bits.map(link)).collect();
+            let n = self.norms.len();
+            let sizes = [x.ncols(), v.ncols(), self.links.len(), self.times.len()];
+            let fits = sizes == [n; 4] && n <= size && self.summed <= n;
+            parts.check("x", fits, "the sizes do not fit each other")?;
+            x.resize_with(x.nrows(), size, |_, _| T::default());
+            v.resize_with(v.nrows(), size, |_, _| 0.0);
+            (self.x, self.v) = (x, v);
+        }
+        Ok(())
+    }
+}
+
+impl<T: Scalar> Persist for Retained<T> {
+    fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
+        let mut count = self.chunks.len();
+        parts.value("chunks", &mut count)?;
+        if parts.is_restoring() {
+            // Each of them has parts of its own: a number that is wrong ends at the first that is missing.
+            self.chunks.clear();
+        }
+        for place in 0..count {
+            if parts.is_restoring() {
+                self.chunks.push_back(Chunk::new(0, 0, 0, 0));
+            }
+            let (size, budget) = (self.size, self.budget);
+            let Some(chunk) = self.chunks.get_mut(place) else { break };
+            parts.scope(&place.to_string(), |parts| chunk.persist(parts, size, budget))?;
+        }
+        let alike = |chunk: &Chunk<T>| (chunk.x.nrows(), chunk.v.nrows());
+        let first = self.chunks.front().map(alike);
+        let fits = self.chunks.iter().all(|chunk| Some(alike(chunk)) == first && chunk.len() > 0);
+        let full = self.chunks.iter().rev().skip(1).all(|chunk| chunk.len() == self.size);
+        parts.check("chunks", fits && full, "they do not fit each other")
+    }
+}
+
 /// A block of frames on its way in.
 pub(super) struct Frames<'a, T: Scalar> {
     pub x: MatRef<'a, T>,
@@ -113,6 +169,11 @@ impl<T: Scalar> Retained<T> {
     /// Values of a frame, if there is one.
     pub fn dimension(&self) -> Option<usize> {
         self.chunks.back().map(|chunk| chunk.x.nrows())
+    }
+
+    /// Coordinates of a frame, if there is one.
+    pub fn coordinates(&self) -> Option<usize> {
+        self.chunks.back().map(|chunk| chunk.v.nrows())
     }
 
     /// Take frames with their first `m` coordinates; `time`: when they begin to fade.

@@ -8,6 +8,7 @@ use super::moments::{MOST_COORDINATES, Moments};
 use super::retained::{Fading, Frames, Retained};
 use crate::dictionary::{Block, Dictionary, DictionaryError, FeatureMap, Selection, capacity};
 use crate::kernel::{Scalar, is_usable_norm, squared_norms};
+use crate::parts::{Parts, PartsError, Persist};
 
 /// Options of a [`SlowStream`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -296,6 +297,12 @@ impl<T: Scalar> SlowStream<T> {
         Ok(block)
     }
 
+    /// The coordinates that its parts know of.
+    fn sizes_fit(&self) -> bool {
+        let (m, known) = (self.dictionary().len(), self.moments.size());
+        known <= m && self.retained.coordinates().is_none_or(|of_frames| of_frames == known)
+    }
+
     fn fading(&self) -> Fading {
         Fading { memory_frames: self.options.memory_frames, now: self.frames }
     }
@@ -355,5 +362,19 @@ impl<T: Scalar> SlowStream<T> {
             self.retained.forget_oldest();
         }
         Ok(())
+    }
+}
+
+/// A stream is made again into a new one with the same selection, parameters and options.
+impl<T: Scalar> Persist for SlowStream<T> {
+    fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
+        parts.scope("selection", |parts| self.selection.persist(parts))?;
+        parts.inner("moments", &mut self.moments)?;
+        parts.inner("retained", &mut self.retained)?;
+        parts.value("frames", &mut self.frames)?;
+        parts.value("faded", &mut self.faded)?;
+        parts.value("cut", &mut self.cut)?;
+        parts.value("quarantined", &mut self.quarantined)?;
+        parts.check("moments", self.sizes_fit(), "another number of coordinates than support vectors and frames have")
     }
 }

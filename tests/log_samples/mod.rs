@@ -9,7 +9,7 @@ use adagio::log::{
     LogError, LogWriter, Message, Topic, cdr,
     messages::{
         Decision, DictionaryGrowth, Evaluation, FrameTaken, Header, Health, Image, LaserScan, Log, ModelRequest,
-        ModelUpdate, Odometry, PolicyUpdate, Pose, PoseStamped, PoseWithCovariance, Time, Transition, Twist,
+        ModelUpdate, Odometry, PolicyUpdate, Pose, PoseStamped, PoseWithCovariance, RunEnd, Time, Transition, Twist,
         TwistStamped, TwistWithCovariance, Vector3,
     },
     topics,
@@ -51,6 +51,7 @@ pub fn write_samples<W: Write>(
         on.put(topics::REQUEST, request(header.clone(), round))?;
         on.put(topics::MODEL, model(header.clone(), round))?;
         on.put(topics::POLICY, policy(header.clone(), round))?;
+        on.put(topics::END, RunEnd { header: header.clone(), frame: u64::from(round) << 40 })?;
         on.put(topics::EVALUATION, evaluation(header.clone(), round))?;
         on.put(topics::HEALTH, health(header.clone(), round))?;
         on.put(topics::DIAGNOSTICS, diagnostics(header, round))?;
@@ -287,6 +288,7 @@ pub fn decode_all(bytes: &[u8]) {
     let _ = cdr::decode::<Decision>(bytes);
     let _ = cdr::decode::<FrameTaken>(bytes);
     let _ = cdr::decode::<ModelRequest>(bytes);
+    let _ = cdr::decode::<RunEnd>(bytes);
     let _ = cdr::decode::<Transition>(bytes);
     let _ = cdr::decode::<DictionaryGrowth>(bytes);
     let _ = cdr::decode::<ModelUpdate>(bytes);

@@ -8,7 +8,8 @@ pub mod own;
 pub mod standard;
 
 pub use own::{
-    Decision, DictionaryGrowth, Evaluation, FrameTaken, Health, ModelRequest, ModelUpdate, PolicyUpdate, Transition,
+    Decision, DictionaryGrowth, Evaluation, FrameTaken, Health, ModelRequest, ModelUpdate, PolicyUpdate, RunEnd,
+    Transition,
 };
 pub use standard::{
     Header, Image, LaserScan, Log, Odometry, Point, Pose, PoseStamped, PoseWithCovariance, Quaternion, Time, Twist,

@@ -63,6 +63,16 @@ impl FrameTaken {
     pub const NO_ACTION: u8 = 255;
 }
 
+/// No more frames come: what is logged after this finishes the run. A run that goes on later does not hold to it: its last
+/// block of frames was cut short, and its last model was asked for early.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct RunEnd {
+    /// When.
+    pub header: Header,
+    /// The last frame.
+    pub frame: u64,
+}
+
 /// A model was asked for.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ModelRequest {
@@ -266,6 +276,8 @@ own_message!(
     "bool boundary",
     "bool blocked",
 );
+
+own_message!(RunEnd, "std_msgs/Header header", "uint64 frame",);
 
 own_message!(ModelRequest, "std_msgs/Header header", "uint64 frame", "uint64 frames", "uint32 transitions",);
 
