@@ -171,7 +171,8 @@ impl Parts {
             *value = serde_json::from_str(text).map_err(|cause| wrong(&name, cause))?;
         } else {
             let text = serde_json::to_string(value).map_err(|cause| wrong(&name, cause))?;
-            self.texts.insert(name, text);
+            let before = self.texts.insert(name.clone(), text);
+            return once(&name, before.is_none());
         }
         Ok(())
     }
@@ -201,7 +202,7 @@ impl Parts {
             *numbers = values.to_vec();
         } else {
             let matrix = Matrix { rows: numbers.len(), columns: 1, values: E::values(numbers.clone()) };
-            self.matrices.insert(name, matrix);
+            return once(&name, self.matrices.insert(name.clone(), matrix).is_none());
         }
         Ok(())
     }
@@ -221,8 +222,8 @@ impl Parts {
             let (rows, columns) = (matrix.nrows(), matrix.ncols());
             let mut values = Vec::with_capacity(rows * columns);
             matrix.as_ref().col_iter().for_each(|column| values.extend(column.iter().copied()));
-            self.matrices.insert(name, Matrix { rows, columns, values: E::values(values) });
-            return Ok(());
+            let matrix = Matrix { rows, columns, values: E::values(values) };
+            return once(&name, self.matrices.insert(name.clone(), matrix).is_none());
         }
         let (rows, columns, values) = self.find::<E>(&name)?;
         let (more_rows, more_columns) = room(rows, columns);
@@ -266,6 +267,11 @@ impl Parts {
         }
         Ok((matrix.rows, matrix.columns, values))
     }
+}
+
+/// Two parts of one name would be given back as one.
+fn once(name: &str, first: bool) -> Result<(), PartsError> {
+    if first { Ok(()) } else { Err(wrong(name, "two parts have this name")) }
 }
 
 fn wrong(name: &str, cause: impl std::fmt::Display) -> PartsError {

@@ -172,30 +172,102 @@ fn a_realtime_run_that_was_cut_off_goes_on_and_is_repeated() {
     }
 }
 
+/// Begin a run of the smoke scenario, end it by a signal once its log has some bytes, and wait for it.
+fn signalled(folder: &Path, arguments: &[&str], bytes: u64, signal: &str) {
+    let scenario = common::package_file("scenarios/smoke.toml");
+    let mut running = std::process::Command::new(env!("CARGO_BIN_EXE_adagio"))
+        .args(["run", scenario.to_str().unwrap(), "--quiet", "--json", "--out", "run"])
+        .args(arguments)
+        .current_dir(folder)
+        .stdout(std::process::Stdio::null())
+        .spawn()
+        .unwrap();
+    let log = folder.join("run/run_000.mcap");
+    while std::fs::metadata(&log).map_or(0, |data| data.len()) < bytes {
+        assert!(running.try_wait().unwrap().is_none(), "it ended before");
+        std::thread::sleep(std::time::Duration::from_millis(2));
+    }
+    let sent = std::process::Command::new("kill").args([signal, &running.id().to_string()]).status().unwrap();
+    assert!(sent.success());
+    assert_eq!(running.wait().unwrap().success(), signal == "-INT");
+}
+
 #[test]
 fn a_run_that_was_interrupted_goes_on_to_the_end_of_one_that_was_not() {
     let folder = tempfile::tempdir().unwrap();
     let actions = ["--actions", "800"];
     let whole = report(&smoke_run(folder.path(), "whole", &actions));
-    let scenario = common::package_file("scenarios/smoke.toml");
-    let mut running = std::process::Command::new(env!("CARGO_BIN_EXE_adagio"))
-        .args(["run", scenario.to_str().unwrap(), "--quiet", "--out", "run"])
-        .args(actions)
-        .current_dir(folder.path())
-        .spawn()
-        .unwrap();
+    signalled(folder.path(), &actions, 500_000, "-INT");
     let run = folder.path().join("run");
-    while std::fs::metadata(run.join("run_000.mcap")).map_or(0, |data| data.len()) < 500_000 {
-        std::thread::sleep(std::time::Duration::from_millis(5));
-    }
-    let interrupt = std::process::Command::new("kill").args(["-INT", &running.id().to_string()]).status().unwrap();
-    assert!(interrupt.success() && running.wait().unwrap().success());
     let frames = report(&run)["run"]["frames"].as_u64().unwrap();
     assert!(frames < 4001, "it was not interrupted");
     // Its log is that of a whole, short run.
     assert_eq!(verify(folder.path(), "run")["digest"], report(&run)["digest"]);
-    let output = adagio(folder.path(), &["resume", "run", "--quiet"]);
-    assert!(output.status.success(), "{}", stderr(&output));
+    // From the state that it left, and without one from the log.
+    let from_log = folder.path().join("from_log");
+    let copy = std::process::Command::new("cp").args(["-r", "run", "from_log"]).current_dir(folder.path()).status();
+    assert!(copy.unwrap().success());
+    std::fs::remove_file(from_log.join("state.safetensors")).unwrap();
+    for (name, expected) in [("run", "where the state of the run was kept"), ("from_log", "learning again from")] {
+        let output = adagio(folder.path(), &["resume", name]);
+        assert!(output.status.success(), "{name}: {}", stderr(&output));
+        assert!(stderr(&output).contains(expected), "{name}: {}", stderr(&output));
+        let resumed = report(&folder.path().join(name));
+        assert_eq!(resumed["digest"], whole["digest"], "{name}");
+        for same in ["tasks", "curve", "pursuits", "dictionary", "model"] {
+            assert_eq!(resumed[same], whole[same], "{name}: {same}");
+        }
+        assert_eq!(verify(folder.path(), name)["digest"], whole["digest"], "{name}");
+        assert!(!folder.path().join(name).join("state.safetensors").exists(), "{name}: nothing is left to go on with");
+    }
+}
+
+#[test]
+fn a_run_that_was_killed_goes_on_from_the_last_state_that_was_kept() {
+    for (mode, selection) in [("lockstep", "ald"), ("lockstep", "random"), ("realtime", "ald")] {
+        let folder = tempfile::tempdir().unwrap();
+        let [mode_set, selection_set] = [format!("agent.mode={mode}"), format!("dictionary.selection={selection}")];
+        let settings =
+            ["--actions", "1000", "--set", &mode_set, "--set", &selection_set, "--set", "agent.keep_minutes=0.002"];
+        signalled(folder.path(), &settings, 1_200_000, "-KILL");
+        let run = folder.path().join("run");
+        assert!(run.join("state.safetensors").is_file(), "{mode}, {selection}: no state was kept");
+        let output = adagio(folder.path(), &["resume", "run"]);
+        assert!(output.status.success(), "{mode}, {selection}: {}", stderr(&output));
+        assert!(stderr(&output).contains("where the state of the run was kept"), "{}", stderr(&output));
+        let resumed = report(&run);
+        assert_eq!(resumed["run"]["frames"], 5001);
+        // The log of both parts gives the same, also from its beginning and without any state.
+        assert_eq!(verify(folder.path(), "run")["digest"], resumed["digest"], "{mode}, {selection}");
+        if mode == "lockstep" {
+            let whole = report(&smoke_run(folder.path(), "whole", &settings));
+            assert_eq!(resumed["digest"], whole["digest"], "{selection}");
+            assert_eq!(resumed["tasks"], whole["tasks"], "{selection}");
+        }
+    }
+}
+
+#[test]
+fn a_state_that_is_damaged_or_ahead_of_the_log_is_left_aside() {
+    let folder = tempfile::tempdir().unwrap();
+    let whole = report(&smoke_run(folder.path(), "whole", &[]));
+    signalled(folder.path(), &[], 300_000, "-INT");
+    let (run, state) = (folder.path().join("run"), folder.path().join("run/state.safetensors"));
+    let kept = std::fs::read(&state).unwrap();
+    let mut damaged = kept.clone();
+    let middle = damaged.len() / 2;
+    damaged[middle] ^= 1;
+    std::fs::write(&state, damaged).unwrap();
+    let output = adagio(folder.path(), &["resume", "run"]);
+    assert!(output.status.success() && stderr(&output).contains("its digest is not that of its content"));
     assert_eq!(report(&run)["digest"], whole["digest"]);
-    assert_eq!(verify(folder.path(), "run")["digest"], whole["digest"]);
+    // The log is shorter than it was when the state was kept, as after a power loss.
+    std::fs::write(&state, kept).unwrap();
+    for (_, path) in adagio::log::log_files(&run).unwrap().into_iter().skip(1) {
+        std::fs::remove_file(path).unwrap();
+    }
+    cut(&run, 0.1);
+    let output = adagio(folder.path(), &["resume", "run"]);
+    assert!(output.status.success() && stderr(&output).contains("is ahead of the log"), "{}", stderr(&output));
+    assert_eq!(report(&run)["digest"], whole["digest"]);
 }

@@ -220,6 +220,9 @@ pub fn run(scenario: &Arc<adagio::scenario::Scenario>) -> u64 {
         evaluator: None,
         recording: None,
         most_actions: None,
+        keep: None,
+        state: None,
+        curve: Vec::new(),
     };
-    adagio::agent::run(scenario, &mut source, log, &options).expect("a run").frames
+    adagio::agent::run(scenario, &mut source, log, options).expect("a run").frames
 }

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::messages::Percept;
+use crate::parts::{Parts, PartsError, Persist};
 use crate::policy::{Behaviour, Learned, Leg, Recent, Reflexes, Tally, Walk};
 use crate::random::stream;
 use crate::scenario::Scenario;
@@ -72,5 +73,14 @@ impl Act {
     /// How pursuits ended so far, by task.
     pub fn tallies(&self) -> &[Tally] {
         self.behaviour.tallies()
+    }
+}
+
+/// What was learned is not among its parts: it is installed again.
+impl Persist for Act {
+    fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
+        parts.inner("behaviour", &mut self.behaviour)?;
+        parts.inner("walk", &mut self.walk)?;
+        parts.value("number", &mut self.number)
     }
 }

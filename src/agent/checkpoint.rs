@@ -3,17 +3,22 @@
 //! Tensors: `members` (m × d, f32), `projection` (k × m), `offset` (k), `slowness` (k), `weights.N` (3 × (k + 1)) for each task
 //! N, all f64 and row by row. The metadata has the complete scenario, so the file alone is enough to evaluate.
 
+use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use faer::{Mat, MatRef};
-use safetensors::tensor::{Dtype, SafeTensors, TensorView};
+use safetensors::tensor::{Dtype, SafeTensorError, SafeTensors, TensorView, View};
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
 use thiserror::Error;
 
+use super::keep::Mark;
 use crate::kernel::Kernel;
+use crate::parts::{Matrix, Parts, Values};
 use crate::policy::Learned;
-use crate::scenario::{Scenario, ScenarioError};
+use crate::scenario::{Scenario, ScenarioError, hex};
 use crate::slow::SlowModel;
 
 /// Name of the newest checkpoint in a run folder, and of the attachment in a log.
@@ -166,6 +171,149 @@ pub fn read_checkpoint(bytes: &[u8], path: &Path) -> Result<(Learned, Scenario),
         return Err(damaged("its digest is not that of its content"));
     }
     Ok((learned, scenario))
+}
+
+/// Name of the state that a run goes on from, in its folder.
+pub const STATE_NAME: &str = "state.safetensors";
+
+/// The state of a run at one moment, as it was kept.
+#[derive(Debug)]
+pub struct KeptState {
+    /// What the actors were.
+    pub parts: Parts,
+    /// The last frame before the moment.
+    pub frame: u64,
+    /// Its time, nanoseconds.
+    pub stamp_ns: u64,
+}
+
+/// What a state says of itself beside its matrices.
+#[derive(Serialize, Deserialize)]
+struct StateHead {
+    version: String,
+    scenario_sha256: String,
+    frame: u64,
+    stamp_ns: u64,
+    texts: BTreeMap<String, String>,
+    /// Of all matrices, and of the texts.
+    digest: String,
+}
+
+/// A matrix on its way into a file: column by column it is its transpose row by row.
+struct Stored<'a> {
+    matrix: &'a Matrix,
+    shape: [usize; 2],
+}
+
+impl<'a> Stored<'a> {
+    fn new(matrix: &'a Matrix) -> Self {
+        Stored { matrix, shape: [matrix.columns, matrix.rows] }
+    }
+}
+
+impl View for Stored<'_> {
+    fn dtype(&self) -> Dtype {
+        match self.matrix.values {
+            Values::F64(_) => Dtype::F64,
+            Values::F32(_) => Dtype::F32,
+            Values::U8(_) => Dtype::U8,
+        }
+    }
+
+    fn shape(&self) -> &[usize] {
+        &self.shape
+    }
+
+    fn data(&self) -> Cow<'_, [u8]> {
+        match &self.matrix.values {
+            Values::F64(values) => values.iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>().into(),
+            Values::F32(values) => values.iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>().into(),
+            Values::U8(values) => values.as_slice().into(),
+        }
+    }
+
+    fn data_len(&self) -> usize {
+        self.matrix.values.len() * self.dtype().bitsize() / 8
+    }
+}
+
+/// A hash over everything that a state holds.
+fn state_digest(head: &StateHead, matrices: &BTreeMap<String, Matrix>) -> String {
+    let mut hash = Sha256::new();
+    for text in [&head.version, &head.scenario_sha256, &head.frame.to_string(), &head.stamp_ns.to_string()] {
+        hash.update((text.len() as u64).to_le_bytes());
+        hash.update(text);
+    }
+    for (name, text) in &head.texts {
+        hash.update((name.len() as u64).to_le_bytes());
+        hash.update(name);
+        hash.update((text.len() as u64).to_le_bytes());
+        hash.update(text);
+    }
+    for (name, matrix) in matrices {
+        hash.update((name.len() as u64).to_le_bytes());
+        hash.update(name);
+        hash.update([matrix.rows as u64, matrix.columns as u64].map(u64::to_le_bytes).as_flattened());
+        hash.update(Stored::new(matrix).data());
+    }
+    hex(&hash.finalize())
+}
+
+/// Write the state of a run: aside, synced, then renamed, so that the one before stays whole until this one is.
+///
+/// # Errors
+/// The file system refused.
+pub fn write_state(path: &Path, mark: Mark, scenario: &Scenario) -> Result<(), CheckpointError> {
+    let Parts { matrices, texts, .. } = mark.parts;
+    let version = env!("CARGO_PKG_VERSION").to_owned();
+    let (scenario_sha256, frame, stamp_ns) = (scenario.sha256(), mark.frame, mark.stamp_ns);
+    let mut head = StateHead { version, scenario_sha256, frame, stamp_ns, texts, digest: String::new() };
+    head.digest = state_digest(&head, &matrices);
+    let head = serde_json::to_string(&head).map_err(damaged)?;
+    let aside = path.with_extension("part");
+    let failed = |cause: std::io::Error| CheckpointError::Write { path: path.to_owned(), cause };
+    let views = matrices.iter().map(|(name, matrix)| (name.as_str(), Stored::new(matrix)));
+    let metadata = HashMap::from([(METADATA.to_owned(), head)]);
+    safetensors::serialize_to_file(views, Some(metadata), &aside).map_err(|cause| match cause {
+        SafeTensorError::IoError(cause) => failed(cause),
+        other => damaged(other),
+    })?;
+    let sync = || std::fs::File::open(&aside)?.sync_all();
+    sync().and_then(|()| std::fs::rename(&aside, path)).map_err(failed)
+}
+
+/// Read the state of a run of this scenario.
+///
+/// # Errors
+/// The bytes are no whole state, or that of another scenario or version.
+pub fn read_state(bytes: &[u8], scenario: &Scenario) -> Result<KeptState, CheckpointError> {
+    let (_, header) = SafeTensors::read_metadata(bytes).map_err(damaged)?;
+    let text = header.metadata().as_ref().and_then(|entries| entries.get(METADATA));
+    let text = text.ok_or_else(|| damaged(format!("its metadata {METADATA} is missing")))?;
+    let head: StateHead = serde_json::from_str(text).map_err(damaged)?;
+    if head.version != env!("CARGO_PKG_VERSION") || head.scenario_sha256 != scenario.sha256() {
+        return Err(damaged("it is that of another scenario, or was written by another version"));
+    }
+    let tensors = SafeTensors::deserialize(bytes).map_err(damaged)?;
+    let mut matrices = BTreeMap::new();
+    for (name, view) in tensors.iter() {
+        let &[columns, rows] = view.shape() else {
+            return Err(damaged(format!("{name} has shape {:?}", view.shape())));
+        };
+        let data = view.data();
+        let values = match view.dtype() {
+            Dtype::F64 => Values::F64(data.as_chunks().0.iter().map(|&bytes| f64::from_le_bytes(bytes)).collect()),
+            Dtype::F32 => Values::F32(data.as_chunks().0.iter().map(|&bytes| f32::from_le_bytes(bytes)).collect()),
+            Dtype::U8 => Values::U8(data.to_vec()),
+            other => return Err(damaged(format!("{name} has type {other:?}"))),
+        };
+        matrices.insert(name.to_owned(), Matrix { rows, columns, values });
+    }
+    if state_digest(&head, &matrices) != head.digest {
+        return Err(damaged("its digest is not that of its content"));
+    }
+    let StateHead { frame, stamp_ns, texts, .. } = head;
+    Ok(KeptState { parts: Parts::restoring(matrices, texts), frame, stamp_ns })
 }
 
 /// A matrix column by column is its transpose row by row.

@@ -10,6 +10,7 @@ use faer::{Mat, Par};
 use rayon::prelude::*;
 
 use super::messages::{FitRequest, Update};
+use crate::parts::{Parts, PartsError, Persist};
 use crate::policy::{Learned, Recent, Reflexes, columns};
 use crate::scenario::{Scenario, Task};
 use crate::slow::{SlowError, SlowModel};
@@ -101,6 +102,12 @@ impl FitPolicies {
             .into_iter()
             .filter(|&action| self.reflexes.allow(action, recent))
             .fold(0, |bits, action| bits | 1 << action.index())
+    }
+}
+
+impl Persist for FitPolicies {
+    fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
+        parts.value("epoch", &mut self.epoch)
     }
 }
 

@@ -2,30 +2,33 @@
 //!
 //! An actor whose neighbour is gone ends quietly: the neighbour has ended for a reason, and that one is reported.
 
-use std::collections::VecDeque;
+use std::convert::Infallible;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use super::act::Act;
-use super::checkpoint::{checkpoint_bytes, write_checkpoint};
+use super::checkpoint::{checkpoint_bytes, write_checkpoint, write_state};
 use super::clock::Clock;
-use super::messages::{Percept, SolveRequest, Update};
+use super::decide::Keep;
+use super::keep::{Mark, Quiet};
+use super::messages::{Item, Percept, SolveRequest};
 use super::perceive::{self, Perceive};
 use super::queue::{Closed, Inbox, Outbox};
 use super::record::{Level, Recorder};
 use super::run::{CurvePoint, RunError};
-use super::schedule::Schedule;
 use super::status::{Status, resident_bytes};
 use crate::evaluate::{Evaluator, TaskResult};
-use crate::policy::{Learned, Tally};
-use crate::scenario::{Mode, Scenario};
+use crate::policy::Learned;
+use crate::scenario::Scenario;
 use crate::source::{Frame, Source};
 use crate::world::Action;
 
 /// How often the run's health goes into the log.
 const HEALTH_INTERVAL: Duration = Duration::from_secs(1);
+
+/// Longest time that the source waits for the state of the run to be on its way.
+const HAND_OVER: Duration = Duration::from_secs(10);
 
 /// What the perceive actor has when it ends.
 pub struct Perceived {
@@ -38,10 +41,13 @@ pub struct Perceived {
 
 /// How the source actor hands on its frames.
 pub struct Supply<'a> {
-    pub actions: Inbox<Action>,
-    pub frames: Outbox<Frame>,
+    pub actions: Inbox<Item<Action>>,
+    pub frames: Outbox<Item<Frame>>,
     /// The other end of `frames`, where frames that are not taken in time are dropped.
-    pub drop_from: Option<Inbox<Frame>>,
+    pub drop_from: Option<Inbox<Item<Frame>>>,
+    /// The source stands behind a frame that was given already: the run goes on.
+    pub goes_on: bool,
+    pub quiet: &'a Quiet,
     /// Times real time at which frames come; `None`: as fast as they are taken.
     pub speed: Option<f64>,
     pub status: &'a Status,
@@ -51,13 +57,15 @@ impl Supply<'_> {
     /// The source actor: the first frame, then the frames of each action. The last frame of an action is never dropped: nothing
     /// comes after it before it was seen and answered.
     pub fn run(self, source: &mut (dyn Source + Send)) {
-        let Some(first) = source.first() else { return };
-        let (begin, first_ns) = (Instant::now(), first.stamp_ns);
-        let give = |frame: Frame| {
+        let mut first_ns = None;
+        let begin = Instant::now();
+        let mut give = |frame: Frame| {
+            let first_ns = *first_ns.get_or_insert(frame.stamp_ns);
             if let Some(speed) = self.speed {
                 let due = Duration::from_nanos(frame.stamp_ns.saturating_sub(first_ns)).div_f64(speed);
                 std::thread::sleep(due.saturating_sub(begin.elapsed()));
             }
+            let frame = Item::Work(frame);
             let Some(taker) = &self.drop_from else { return self.frames.put(frame).is_ok() };
             let dropped = self.frames.put_newest(frame, taker);
             if dropped > 0 {
@@ -65,10 +73,25 @@ impl Supply<'_> {
             }
             true
         };
-        if !give(first) {
+        if !self.goes_on && !source.first().is_some_and(&mut give) {
             return;
         }
-        while let Ok(action) = self.actions.take() {
+        while let Ok(order) = self.actions.take() {
+            let action = match order {
+                Item::Work(action) => action,
+                Item::Save(mut mark) => {
+                    if mark.parts.scope("source", |parts| source.persist(parts)).is_err() {
+                        // A robot cannot be put away; its runs go on from their logs.
+                        self.quiet.hold.store(false, Ordering::Relaxed);
+                        continue;
+                    }
+                    if self.frames.put(Item::Save(mark)).is_err() {
+                        return;
+                    }
+                    self.wait_until_taken();
+                    continue;
+                }
+            };
             let mut open = true;
             let more = source.execute(action, &mut |frame| {
                 open = give(frame);
@@ -79,213 +102,112 @@ impl Supply<'_> {
             }
         }
     }
-}
 
-/// The perceive actor. A percept leaves before its block is learned from, so that control does not wait for learning.
-pub fn perceive(
-    scenario: &Arc<Scenario>,
-    schedule: &Arc<Schedule>,
-    frames: &Inbox<Frame>,
-    percepts: &Outbox<Percept>,
-    solve: &Outbox<SolveRequest>,
-    record: &Recorder,
-    status: &Status,
-) -> Result<Perceived, RunError> {
-    let mut perceive = Perceive::new(scenario.clone(), schedule.clone());
-    let mut done = Perceived { frames: 0, quarantined: 0, support_vectors: 0, nu: None, clock: Clock::new() };
-    let (mut last_boundary, mut last_number) = (None, None);
-    loop {
-        let Ok(frame) = frames.take() else {
-            if let Some(frame) = last_number {
-                let _ = record.end(frame, status.snapshot().stamp_ns);
-            }
-            let last = perceive.finish()?;
-            // Whoever is gone by now has failed, and that is reported.
-            let _ = deliver(last, &mut done, solve, record, status);
-            return Ok(done);
-        };
+    /// Where frames are dropped, the state of the run must not be among them: no frame follows it into the queue before it was
+    /// taken out.
+    fn wait_until_taken(&self) {
         let begin = Instant::now();
-        let (stamp, action) = (frame.stamp_ns, frame.action);
-        let mut sent = record.frame(&frame);
-        // Frames are missing before this one: what the action came to cannot be told.
-        if last_number.replace(frame.number).is_none_or(|last| last + 1 != frame.number) {
-            last_boundary = None;
-        }
-        let (observation, percept) = perceive.see(frame);
-        sent = sent.and_then(|()| record.observation(&observation, stamp));
-        if let Some(percept) = percept {
-            let before = last_boundary.replace(observation.frame);
-            if let (Some(from), Some(action)) = (before, action) {
-                sent = sent.and_then(|()| record.transition(from, action, &percept));
-            }
-            sent = sent.and_then(|()| percepts.put(percept));
-        }
-        let learned = perceive.learn(solve.has_room())?;
-        done.frames += 1;
-        if sent.and_then(|()| deliver(learned, &mut done, solve, record, status)).is_err() {
-            return Ok(done);
-        }
-        done.clock.keep(begin.elapsed());
-        let p99 = done.clock.p99_now_and_then();
-        status.update(|s| {
-            (s.frames, s.stamp_ns) = (done.frames, stamp);
-            s.frame_p99_ms = p99.unwrap_or(s.frame_p99_ms);
-        });
-    }
-}
-
-fn deliver(
-    learned: perceive::Learning,
-    done: &mut Perceived,
-    solve: &Outbox<SolveRequest>,
-    record: &Recorder,
-    status: &Status,
-) -> Result<(), Closed> {
-    if let Some(growth) = learned.growth {
-        done.support_vectors = growth.size;
-        done.nu = growth.nu;
-        done.quarantined += growth.quarantined.len() as u64;
-        status.update(|s| (s.support_vectors, s.quarantined) = (growth.size, done.quarantined));
-        if !growth.quarantined.is_empty() {
-            let text = format!("frames {:?} are left out: their values are not finite", growth.quarantined);
-            record.diagnostic(Level::Warn, growth.stamp_ns, text)?;
-        }
-        record.growth(growth)?;
-    }
-    let Some(request) = learned.request else { return Ok(()) };
-    record.request(&request)?;
-    solve.put(request)
-}
-
-/// What the act actor has when it ends.
-pub struct Acted {
-    pub learned: Option<Arc<Learned>>,
-    pub without_model: Option<String>,
-    pub actions: u64,
-    pub pursuits: Vec<Tally>,
-    pub clock: Clock,
-    /// The newest model, until it is passed on.
-    to_assess: Option<(Arc<Learned>, u64)>,
-}
-
-impl Acted {
-    fn new() -> Self {
-        let (pursuits, clock) = (Vec::new(), Clock::new());
-        Acted { learned: None, without_model: None, actions: 0, pursuits, clock, to_assess: None }
-    }
-
-    /// Pass on the newest model; waits for room.
-    fn pass_on(&mut self, assess: &Outbox<(Arc<Learned>, u64)>) {
-        if let Some(model) = self.to_assess.take() {
-            // An assess actor that is gone has failed, and that is reported.
-            let _ = assess.put(model);
+        while self.drop_from.as_ref().is_some_and(|taker| !taker.is_empty()) && begin.elapsed() < HAND_OVER {
+            std::thread::sleep(Duration::from_millis(1));
         }
     }
 }
 
-/// The act actor's surroundings.
-pub struct Deciding<'a> {
-    pub scenario: &'a Arc<Scenario>,
-    pub schedule: &'a Schedule,
-    /// Actions after which the run ends.
-    pub most_actions: u64,
-    pub record: &'a Recorder,
+/// The perceive actor's surroundings.
+pub struct Perceiving<'a> {
+    pub percepts: Outbox<Percept>,
+    pub solve: Outbox<Item<SolveRequest>>,
+    pub record: Recorder,
     pub status: &'a Status,
-    pub stop: &'a AtomicBool,
-    pub ended: &'a AtomicBool,
+    pub quiet: &'a Quiet,
 }
 
-impl Deciding<'_> {
-    /// Decide until the last action, then wait for the last model.
-    pub fn run(
-        &self,
-        percepts: &Inbox<Percept>,
-        updates: &Inbox<Update>,
-        actions: Outbox<Action>,
-        assess: &Outbox<(Arc<Learned>, u64)>,
-    ) -> Result<Acted, RunError> {
-        let mut act = Act::new(self.scenario);
-        let mut acted = Acted::new();
-        // Frames at which models were asked for whose answers come into effect at a fixed frame.
-        let mut asked = VecDeque::new();
-        let realtime = self.scenario.agent.mode == Mode::Realtime;
-        let mut last_frame = 0;
-        while let Ok(percept) = percepts.take() {
-            let frame = percept.observation.frame;
-            last_frame = frame;
-            asked.extend(percept.asked.iter().copied());
-            loop {
-                let update = if asked.pop_front_if(|at| self.schedule.effective(*at) <= frame).is_some() {
-                    updates.take().map(Some)
-                } else if self.schedule.polls(frame) {
-                    updates.poll()
-                } else {
-                    Ok(None)
-                };
-                match update {
-                    Ok(Some(update)) => self.install(&mut act, &mut acted, update, frame, percept.stamp_ns),
-                    Ok(None) => break,
-                    Err(Closed) => return Ok(acted),
+impl Perceiving<'_> {
+    /// The perceive actor. A percept leaves before its block is learned from, so that control does not wait for learning.
+    pub fn run(&self, mut perceive: Perceive, frames: &Inbox<Item<Frame>>) -> Result<Perceived, RunError> {
+        let (record, status) = (&self.record, self.status);
+        let mut done = Perceived { frames: 0, quarantined: 0, support_vectors: 0, nu: None, clock: Clock::new() };
+        // A run that goes on does so behind the last frame of an action.
+        let (seen, mut last_number) = perceive.progress();
+        let mut last_boundary = last_number;
+        done.frames = seen;
+        loop {
+            let frame = match frames.take() {
+                Ok(Item::Work(frame)) => frame,
+                Ok(Item::Save(mark)) => {
+                    self.save(&mut perceive, mark);
+                    continue;
                 }
+                Err(Closed) => {
+                    if let Some(frame) = last_number {
+                        let _ = record.end(frame, status.snapshot().stamp_ns);
+                    }
+                    let last = perceive.finish()?;
+                    // Whoever is gone by now has failed, and that is reported.
+                    let _ = self.deliver(last, &mut done);
+                    return Ok(done);
+                }
+            };
+            let begin = Instant::now();
+            let (stamp, action) = (frame.stamp_ns, frame.action);
+            let mut sent = record.frame(&frame);
+            // Frames are missing before this one: what the action came to cannot be told.
+            if last_number.replace(frame.number).is_none_or(|last| last + 1 != frame.number) {
+                last_boundary = None;
             }
-            // A robot does not wait until the models before this one were tried: it passes on the newest when it can.
-            if !realtime || assess.has_room() {
-                acted.pass_on(assess);
+            let (observation, percept) = perceive.see(frame);
+            sent = sent.and_then(|()| record.observation(&observation, stamp));
+            if let Some(percept) = percept {
+                let before = last_boundary.replace(observation.frame);
+                if let (Some(from), Some(action)) = (before, action) {
+                    sent = sent.and_then(|()| record.transition(from, action, &percept));
+                }
+                sent = sent.and_then(|()| self.percepts.put(percept));
             }
-            let stop = self.stop.load(Ordering::Relaxed) || self.ended.load(Ordering::Relaxed);
-            if stop || acted.actions >= self.most_actions {
-                break;
+            let has_room = self.solve.has_room() && !self.quiet.hold.load(Ordering::Relaxed);
+            let learned = perceive.learn(has_room)?;
+            done.frames += 1;
+            if sent.and_then(|()| self.deliver(learned, &mut done)).is_err() {
+                return Ok(done);
             }
-            let decision = acted.clock.time(|| act.step(&percept));
-            acted.actions += 1;
-            let sent = self.record.decision(&decision, frame, percept.stamp_ns);
-            if sent.is_err() || actions.put(decision.action).is_err() {
-                break;
-            }
-            let pursuits = act.tallies().iter().fold(Tally::default(), |sum, tally| Tally {
-                reached: sum.reached + tally.reached,
-                ended: sum.ended + tally.ended,
-            });
-            let p99 = acted.clock.p99_now_and_then();
-            self.status.update(|s| {
-                (s.actions, s.pursuits) = (acted.actions as usize, pursuits);
-                s.act_p99_ms = p99.unwrap_or(s.act_p99_ms);
+            done.clock.keep(begin.elapsed());
+            let p99 = done.clock.p99_now_and_then();
+            status.update(|s| {
+                (s.frames, s.stamp_ns) = (done.frames, stamp);
+                s.frame_p99_ms = p99.unwrap_or(s.frame_p99_ms);
             });
         }
-        // No more actions: the source ends, then perceive with its last request, and then the solvers.
-        drop(actions);
-        while percepts.take().is_ok() {}
-        while let Ok(update) = updates.take() {
-            // It would act from the frame after the last one.
-            let stamp_ns = self.status.snapshot().stamp_ns;
-            self.install(&mut act, &mut acted, update, last_frame + 1, stamp_ns);
-            acted.pass_on(assess);
-        }
-        acted.pass_on(assess);
-        acted.pursuits = act.tallies().to_vec();
-        Ok(acted)
     }
 
-    fn install(&self, act: &mut Act, acted: &mut Acted, update: Update, frame: u64, stamp_ns: u64) {
-        match &update.learned {
-            Ok(learned) => {
-                act.install(learned.clone());
-                acted.learned = Some(learned.clone());
-                acted.without_model = None;
-                // A closed log ends the run at the next decision.
-                let _ = self.record.update(&update, learned, frame, stamp_ns);
-                let slowness = &learned.model.slowness;
-                let mean = slowness.iter().sum::<f64>() / slowness.len() as f64;
-                self.status.update(|s| (s.epoch, s.slowness_mean) = (learned.epoch, Some(mean)));
-                acted.to_assess = Some((learned.clone(), stamp_ns));
-            }
-            Err(reason) => {
-                let text = format!("no model from the frames up to {}: {reason}", update.asked_at);
-                let _ = self.record.diagnostic(Level::Warn, stamp_ns, text.clone());
-                self.status.update(|s| s.without_model = Some(text.clone()));
-                acted.without_model = Some(text);
-            }
+    /// Add what was learned to the state of the run, and pass it on. If a model was asked for after the state began, that one
+    /// belongs to neither side of it: it is given up, and begun again at the next occasion.
+    fn save(&self, perceive: &mut Perceive, mut mark: Box<Mark>) {
+        if self.quiet.requests.load(Ordering::Relaxed) != mark.requests {
+            return;
         }
+        self.quiet.hold.store(false, Ordering::Relaxed);
+        if mark.parts.inner("perceive", perceive).is_ok() {
+            let _ = self.solve.put(Item::Save(mark));
+        }
+    }
+
+    fn deliver(&self, learned: perceive::Learning, done: &mut Perceived) -> Result<(), Closed> {
+        let (record, status) = (&self.record, self.status);
+        if let Some(growth) = learned.growth {
+            done.support_vectors = growth.size;
+            done.nu = growth.nu;
+            done.quarantined += growth.quarantined.len() as u64;
+            status.update(|s| (s.support_vectors, s.quarantined) = (growth.size, done.quarantined));
+            if !growth.quarantined.is_empty() {
+                let text = format!("frames {:?} are left out: their values are not finite", growth.quarantined);
+                record.diagnostic(Level::Warn, growth.stamp_ns, text)?;
+            }
+            record.growth(growth)?;
+        }
+        let Some(request) = learned.request else { return Ok(()) };
+        self.quiet.requests.fetch_add(1, Ordering::Relaxed);
+        record.request(&request)?;
+        self.solve.put(Item::Work(request))
     }
 }
 
@@ -297,8 +219,8 @@ pub fn assess(
     scenario: &Scenario,
     record: &Recorder,
     status: &Status,
+    mut curve: Vec<CurvePoint>,
 ) -> Result<Vec<CurvePoint>, RunError> {
-    let mut curve = Vec::new();
     let every = scenario.evaluate.every as u32;
     while let Ok((learned, stamp_ns)) = models.take() {
         if let Some(path) = checkpoint {
@@ -314,6 +236,31 @@ pub fn assess(
         }
     }
     Ok(curve)
+}
+
+/// The keep actor: writes the states of the run, each after everything before it is in the log.
+pub fn keep(
+    marks: &Inbox<Item<Infallible>>,
+    keep: Option<&Keep>,
+    scenario: &Scenario,
+    record: &Recorder,
+) -> Result<(), RunError> {
+    while let Ok(Item::Save(mark)) = marks.take() {
+        let Some(keep) = keep else { continue };
+        if record.flush().is_err() {
+            break;
+        }
+        let (frame, stamp) = (mark.frame, mark.stamp_ns);
+        match write_state(&keep.path, *mark, scenario) {
+            Ok(()) => {}
+            // What is in the log is not lost: the run goes on, and says so.
+            Err(error) => {
+                let text = format!("the state after frame {frame} is not kept: {error}");
+                let _ = record.diagnostic(Level::Warn, stamp, text);
+            }
+        }
+    }
+    Ok(())
 }
 
 /// One evaluation as a point of the curve.

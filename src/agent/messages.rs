@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use super::keep::Mark;
 use crate::dictionary::Dictionary;
 use crate::policy::Learned;
 use crate::slow::{Moments, SlowModel};
@@ -9,6 +10,14 @@ use crate::source::Boundary;
 use crate::value::{Fit, Transition};
 use crate::vision::Observation;
 use crate::world::Action;
+
+/// What goes from actor to actor: its work, and between two actions now and then the state of the run.
+pub enum Item<T> {
+    /// Work.
+    Work(T),
+    /// The state of the run, to which the actor adds its own.
+    Save(Box<Mark>),
+}
 
 /// From perceive to act: what was seen at the end of an action.
 #[derive(Debug, Clone)]

@@ -11,12 +11,17 @@
 //! Each actor is a plain type with a step; threads, clocks and queues stand outside of it, in [`run`]. In lockstep a model
 //! that was asked for at frame t takes effect at frame t + L exactly: the actor that acts waits for it there, and until
 //! then goes on with the model it has. Nothing else waits for a solver, so results do not depend on the threads' timing.
+//!
+//! Between two actions the actor that acts can send the state of the run the same way: each actor adds its own ([`Keep`]), and
+//! a run goes on from there as if it had not been interrupted.
 
 mod act;
 mod checkpoint;
 mod clock;
 mod crew;
+mod decide;
 mod fit;
+mod keep;
 mod loops;
 mod memory;
 mod messages;
@@ -28,8 +33,9 @@ mod schedule;
 mod solve;
 mod status;
 
-pub use checkpoint::{CHECKPOINT_NAME, CheckpointError, read_checkpoint};
+pub use checkpoint::{CHECKPOINT_NAME, CheckpointError, KeptState, STATE_NAME, read_checkpoint, read_state};
 pub use clock::Timing;
+pub use decide::Keep;
 pub use memory::{Memory, machine_memory};
 pub use run::{CurvePoint, Outcome, RunError, RunOptions, run};
 pub use schedule::Course;

@@ -3,13 +3,16 @@
 use std::sync::Arc;
 
 use faer::{Mat, Par};
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::crew::parallelism;
+use super::keep::{CameTo, Seen, action_of, link_bits, link_of, put_window, take_window, wrong};
 use super::messages::{Percept, SolveRequest};
 use super::schedule::Schedule;
 use crate::dictionary::{Ald, DictionaryError, Parameters, Reservoir, Selection, width_for_size};
 use crate::kernel::{Kernel, KernelError, median_distance};
+use crate::parts::{Parts, PartsError, Persist};
 use crate::policy::columns;
 use crate::scenario::{self, Scenario, SelectionRule};
 use crate::slow::{Link, SlowError, SlowStream, StreamOptions};
@@ -257,6 +260,11 @@ impl Perceive {
             Some(sigma) => sigma,
             None => automatic_width(first, settings, self.par)?,
         };
+        self.stream_of_width(sigma)
+    }
+
+    fn stream_of_width(&self, sigma: f64) -> Result<SlowStream<f32>, Begin> {
+        let settings = &self.scenario.dictionary;
         let (kernel, budget, par) = (Kernel::radial(sigma, settings.exponent)?, settings.budget, self.par);
         let selection: Box<dyn Selection<f32>> = match settings.selection {
             SelectionRule::Ald => {
@@ -266,6 +274,87 @@ impl Perceive {
             SelectionRule::Random => Box::new(Reservoir::new(kernel, budget, self.scenario.seed, par)?),
         };
         Ok(SlowStream::from_boxed(selection, stream_options(&self.scenario))?)
+    }
+}
+
+/// A frame that waits, with its observation named by its frame.
+#[derive(Serialize, Deserialize)]
+struct Waiting {
+    frame: u64,
+    link: Option<(u64, u64)>,
+    came_to: Option<CameTo>,
+    action: Option<usize>,
+}
+
+/// It is made again into a new one of the same scenario.
+impl Persist for Perceive {
+    fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
+        let kernel = self.stream.as_ref().map(|stream| stream.dictionary().kernel());
+        let mut sigma = kernel.and_then(|kernel| kernel.sigma()).map(f64::to_bits);
+        parts.value("sigma", &mut sigma)?;
+        if parts.is_restoring() {
+            let begun = sigma.map(|bits| self.stream_of_width(f64::from_bits(bits))).transpose();
+            self.stream = begun.map_err(|cause| wrong("sigma", cause))?;
+        }
+        if let Some(stream) = &mut self.stream {
+            parts.inner("stream", stream)?;
+        }
+        parts.value("last_number", &mut self.last_number)?;
+        parts.value("owed", &mut self.owed)?;
+        parts.value("last_request", &mut self.last_request)?;
+        parts.value("frames", &mut self.frames)?;
+        parts.value("stamp_ns", &mut self.stamp_ns)?;
+        let values = 3 * self.scenario.vision.width * self.scenario.vision.height;
+        if parts.is_restoring() { self.take_seen(parts, values) } else { self.put_seen(parts, values) }
+    }
+}
+
+impl Perceive {
+    fn put_seen(&self, parts: &mut Parts, values: usize) -> Result<(), PartsError> {
+        let mut seen = Seen::default();
+        put_window(&self.window, &mut seen, parts)?;
+        let mut last_boundary = self.last_boundary.as_ref().map(|(before, cell)| (seen.add(before), *cell));
+        let mut pending: Vec<Waiting> = self
+            .pending
+            .iter()
+            .map(|frame| Waiting {
+                frame: seen.add(&frame.observation),
+                link: frame.link.map(link_bits),
+                came_to: frame.boundary.as_ref().map(CameTo::of),
+                action: frame.action.map(Action::index),
+            })
+            .collect();
+        parts.value("last_boundary", &mut last_boundary)?;
+        parts.value("pending", &mut pending)?;
+        seen.persist(parts, values)
+    }
+
+    fn take_seen(&mut self, parts: &mut Parts, values: usize) -> Result<(), PartsError> {
+        let mut seen = Seen::default();
+        seen.persist(parts, values)?;
+        self.window = take_window(self.scenario.value.window, &seen, parts)?;
+        let (mut last_boundary, mut pending): (Option<(u64, usize)>, Vec<Waiting>) = (None, Vec::new());
+        parts.value("last_boundary", &mut last_boundary)?;
+        parts.value("pending", &mut pending)?;
+        self.last_boundary = match last_boundary {
+            Some((frame, cell)) => Some((seen.get(frame)?, cell)),
+            None => None,
+        };
+        let frame = |waiting: Waiting| {
+            Ok(Pending {
+                observation: seen.get(waiting.frame)?,
+                link: waiting.link.map(link_of),
+                boundary: waiting.came_to.map(CameTo::boundary),
+                action: waiting.action.map(|number| action_of(parts, number)).transpose()?,
+            })
+        };
+        self.pending = pending.into_iter().map(frame).collect::<Result<_, PartsError>>()?;
+        Ok(())
+    }
+
+    /// Frames seen, and the last one.
+    pub fn progress(&self) -> (u64, Option<u64>) {
+        (self.frames, self.last_number)
     }
 }
 

@@ -89,6 +89,11 @@ impl<T> Outbox<T> {
 }
 
 impl<T> Inbox<T> {
+    /// Whether there is no message in the queue now.
+    pub fn is_empty(&self) -> bool {
+        self.receiver.is_empty()
+    }
+
     /// Take the next message, waiting for it.
     pub fn take(&self) -> Result<T, Closed> {
         self.counted(self.receiver.recv().map_err(|_| Closed))

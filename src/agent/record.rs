@@ -64,6 +64,18 @@ impl Recorder {
         self.outbox.put(Box::new(move |log| log.write(topic, sequence, stamp_ns, &message)))
     }
 
+    /// Wait until everything that was put in before has been handed to the operating system.
+    pub fn flush(&self) -> Result<(), Closed> {
+        let (done, wait) = crossbeam_channel::bounded(1);
+        self.outbox.put(Box::new(move |log| {
+            log.flush()?;
+            // Whoever waits may have ended.
+            let _ = done.send(());
+            Ok(())
+        }))?;
+        wait.recv().map_err(|_| Closed)
+    }
+
     /// What was sensed with a frame, and the observation that was made of it.
     pub fn frame(&self, frame: &Frame) -> Result<(), Closed> {
         let (number, stamp) = (frame.number, frame.stamp_ns);

@@ -1,5 +1,6 @@
 //! One run: the actors on their threads, from the first frame to the closed log.
 
+use std::convert::Infallible;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -8,13 +9,16 @@ use std::time::{Duration, Instant};
 use serde::Serialize;
 use thiserror::Error;
 
+use super::act::Act;
 use super::checkpoint::{CHECKPOINT_NAME, CheckpointError, checkpoint_bytes};
 use super::clock::{Clock, Timing};
 use super::crew::{Crew, parallelism};
+use super::decide::{Deciding, Keep};
 use super::fit::FitPolicies;
-use super::loops::{self, Supply};
-use super::messages::{FitRequest, Percept, SolveRequest, Update};
-use super::perceive::PerceiveError;
+use super::keep::{Acting, Quiet};
+use super::loops::{self, Perceiving, Supply};
+use super::messages::{FitRequest, Item, Percept, SolveRequest, Update};
+use super::perceive::{Perceive, PerceiveError};
 use super::queue::queue;
 use super::record::{Level, Recorder, write_log};
 use super::schedule::{Course, Schedule};
@@ -22,6 +26,7 @@ use super::solve::Solve;
 use super::status::Status;
 use crate::evaluate::Evaluator;
 use crate::log::{LogError, RunLog, RunTotals};
+use crate::parts::{Parts, PartsError};
 use crate::policy::{Learned, Tally};
 use crate::random::fix_parallelism;
 use crate::scenario::{Scenario, WhenBehind};
@@ -40,6 +45,9 @@ pub enum RunError {
     /// The checkpoint could not be made.
     #[error(transparent)]
     Checkpoint(#[from] CheckpointError),
+    /// The state that the run was to go on from cannot be used.
+    #[error("the state of the run cannot be used: {0}")]
+    State(#[from] PartsError),
     /// A thread could not be started.
     #[error("cannot start a thread: {0}")]
     Thread(std::io::Error),
@@ -62,6 +70,12 @@ pub struct RunOptions<'a> {
     pub recording: Option<&'a Course>,
     /// The run ends after this many actions, if that is before the scenario's end.
     pub most_actions: Option<u64>,
+    /// Where the state of the run is put away; nowhere without.
+    pub keep: Option<Keep>,
+    /// The state that the run goes on from, if it does not begin.
+    pub state: Option<Parts>,
+    /// Evaluations before that state.
+    pub curve: Vec<CurvePoint>,
 }
 
 /// One evaluation during a run.
@@ -122,43 +136,60 @@ pub fn run(
     scenario: &Arc<Scenario>,
     source: &mut (dyn Source + Send),
     log: RunLog,
-    options: &RunOptions<'_>,
+    options: RunOptions<'_>,
 ) -> Result<Outcome, RunError> {
     fix_parallelism();
     let begin = Instant::now();
     let status = options.status;
     let (capacity, par) = (scenario.agent.queue, parallelism(&scenario.agent));
-    let (frames_out, frames_in, gauge) = queue::<Frame>("frames", capacity);
+    let (frames_out, frames_in, gauge) = queue::<Item<Frame>>("frames", capacity);
     status.watch(gauge);
     let (percepts_out, percepts_in, gauge) = queue::<Percept>("percepts", capacity);
     status.watch(gauge);
-    let (actions_out, actions_in, gauge) = queue::<Action>("actions", 1);
+    let (actions_out, actions_in, gauge) = queue::<Item<Action>>("actions", 1);
     status.watch(gauge);
     // Requests carry whole matrices: two of them at a time are enough.
-    let (solve_out, solve_in, gauge) = queue::<SolveRequest>("solve", 1);
+    let (solve_out, solve_in, gauge) = queue::<Item<SolveRequest>>("solve", 1);
     status.watch(gauge);
-    let (fit_out, fit_in, gauge) = queue::<FitRequest>("fit", 1);
+    let (fit_out, fit_in, gauge) = queue::<Item<FitRequest>>("fit", 1);
     status.watch(gauge);
     let (updates_out, updates_in, gauge) = queue::<Update>("updates", capacity);
     status.watch(gauge);
     let (assess_out, assess_in, gauge) = queue::<(Arc<Learned>, u64)>("assess", 2);
     status.watch(gauge);
+    let (keep_out, keep_in, gauge) = queue::<Item<Infallible>>("keep", 1);
+    status.watch(gauge);
     let (writes_out, writes_in, gauge) = queue("log", 8 * capacity);
     status.watch(gauge);
     let recorder = Recorder::new(writes_out, scenario.clone());
     let schedule = Arc::new(Schedule::new(&scenario.agent, options.recording));
+    let flush = Duration::from_secs_f64(scenario.log.flush_seconds);
+    let failed: Mutex<Option<RunError>> = Mutex::new(None);
+    let (ended, over, quiet) = (AtomicBool::new(false), AtomicBool::new(false), Quiet::default());
+
+    // The actors, new or as they were.
+    let mut perceiver = Perceive::new(scenario.clone(), schedule.clone());
+    let mut acting = Acting::new(Act::new(scenario));
+    let (mut solve, mut fit) = (Solve::new(&scenario.slow, par), FitPolicies::new(scenario.clone(), par));
+    let goes_on = options.state.is_some();
+    if let Some(mut parts) = options.state {
+        parts.inner("acting", &mut acting)?;
+        parts.scope("source", |parts| source.persist(parts))?;
+        parts.inner("perceive", &mut perceiver)?;
+        parts.inner("solve", &mut solve)?;
+        parts.inner("fit", &mut fit)?;
+    }
     let agent = &scenario.agent;
     let supply = Supply {
         actions: actions_in,
         frames: frames_out,
         // A recording has dropped already what it dropped.
         drop_from: (agent.when_behind == WhenBehind::Drop && options.recording.is_none()).then(|| frames_in.clone()),
+        goes_on,
+        quiet: &quiet,
         speed: agent.speed.filter(|_| options.recording.is_none()),
         status,
     };
-    let flush = Duration::from_secs_f64(scenario.log.flush_seconds);
-    let failed: Mutex<Option<RunError>> = Mutex::new(None);
-    let (ended, over) = (AtomicBool::new(false), AtomicBool::new(false));
 
     let parts = std::thread::scope(|scope| -> Result<_, RunError> {
         let crew = Crew { scope, failed: &failed, ended: &ended };
@@ -167,37 +198,66 @@ pub fn run(
             supply.run(source);
             Ok(())
         })?;
-        let (record, asking) = (recorder.clone(), schedule.clone());
-        let perceive = crew.start("perceive", move || {
-            loops::perceive(scenario, &asking, &frames_in, &percepts_out, &solve_out, &record, status)
-        })?;
+        let (record, quiet) = (recorder.clone(), &quiet);
+        let perceiving = Perceiving { percepts: percepts_out, solve: solve_out, record, status, quiet };
+        let perceive = crew.start("perceive", move || perceiving.run(perceiver, &frames_in))?;
         let solver = crew.start("solve", move || {
-            let (mut solve, mut clock) = (Solve::new(&scenario.slow, par), Clock::new());
-            while let Ok(request) = solve_in.take() {
-                if fit_out.put(clock.time(|| solve.step(request))).is_err() {
+            let mut clock = Clock::new();
+            while let Ok(item) = solve_in.take() {
+                let done = match item {
+                    Item::Work(request) => Item::Work(clock.time(|| solve.step(request))),
+                    Item::Save(mark) => match mark.with("solve", &mut solve) {
+                        Some(mark) => Item::Save(mark),
+                        None => continue,
+                    },
+                };
+                if fit_out.put(done).is_err() {
                     break;
                 }
             }
             Ok(clock)
         })?;
         let fitter = crew.start("fit", move || {
-            let (mut fit, mut clock) = (FitPolicies::new(scenario.clone(), par), Clock::new());
-            while let Ok(request) = fit_in.take() {
-                if updates_out.put(clock.time(|| fit.step(request))).is_err() {
+            let mut clock = Clock::new();
+            while let Ok(item) = fit_in.take() {
+                let sent = match item {
+                    Item::Work(request) => updates_out.put(clock.time(|| fit.step(request))),
+                    Item::Save(mark) => match mark.with("fit", &mut fit) {
+                        Some(mark) => keep_out.put(Item::Save(mark)),
+                        None => continue,
+                    },
+                };
+                if sent.is_err() {
                     break;
                 }
             }
             Ok(clock)
         })?;
+        let (record, keep) = (recorder.clone(), options.keep.as_ref());
+        let keeper = crew.start("keep", move || loops::keep(&keep_in, keep, scenario, &record))?;
         let (record, evaluator, checkpoint) = (recorder.clone(), options.evaluator, options.checkpoint);
-        let assess =
-            crew.start("assess", move || loops::assess(&assess_in, evaluator, checkpoint, scenario, &record, status))?;
+        let curve = options.curve;
+        let assess = crew.start("assess", move || {
+            loops::assess(&assess_in, evaluator, checkpoint, scenario, &record, status, curve)
+        })?;
         let (record, stop, ended) = (recorder.clone(), options.stop, &ended);
         let most_actions = options.most_actions.unwrap_or(u64::MAX).min(scenario.actions as u64);
         let act = crew.start("act", move || {
-            let deciding =
-                loops::Deciding { scenario, schedule: &schedule, most_actions, record: &record, status, stop, ended };
-            deciding.run(&percepts_in, &updates_in, actions_out, &assess_out)
+            let deciding = Deciding {
+                scenario,
+                schedule: &schedule,
+                most_actions,
+                record: &record,
+                status,
+                quiet,
+                keep,
+                stop,
+                ended,
+                percepts: percepts_in,
+                updates: updates_in,
+                assess: assess_out,
+            };
+            deciding.run(acting, actions_out)
         })?;
         let record = recorder.clone();
         let over = &over;
@@ -206,6 +266,7 @@ pub fn run(
             Ok(())
         })?;
         let parts = (act.join(), perceive.join(), solver.join(), fitter.join(), assess.join());
+        let _ = keeper.join();
         over.store(true, Ordering::Relaxed);
         let _ = health.join();
         let stamp = status.snapshot().stamp_ns;

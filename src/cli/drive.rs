@@ -1,5 +1,6 @@
 //! What `run`, `replay` and `resume` have in common: drive a scenario from a source, evaluate, report.
 
+use std::cell::Cell;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
@@ -7,9 +8,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use super::{Ending, print, print_json, progress};
-use crate::agent::{self, CHECKPOINT_NAME, Course, Outcome, RunOptions, Status};
+use crate::agent::{self, CHECKPOINT_NAME, Course, CurvePoint, Keep, Outcome, RunOptions, STATE_NAME, Status};
 use crate::evaluate::{Evaluator, decode_pose};
 use crate::log::{LogOptions, Rotation, RunLog, log_files};
+use crate::parts::Parts;
 use crate::report::{OVERVIEW_NAME, Origin, Program, Report, overview, table};
 use crate::scenario::Scenario;
 use crate::source::Source;
@@ -29,6 +31,12 @@ pub struct Drive<'a> {
     /// The run ends after this many actions.
     pub most_actions: Option<u64>,
     pub origin: Origin,
+    /// Whether the state of the run is put away now and then, so that it can go on from there.
+    pub keep: bool,
+    /// The state that it goes on from.
+    pub state: Cell<Option<Parts>>,
+    /// Evaluations before that.
+    pub curve: Vec<CurvePoint>,
 }
 
 impl Drive<'_> {
@@ -38,7 +46,7 @@ impl Drive<'_> {
         let (scenario, world) = (self.scenario, self.world);
         let starts = scenario.evaluate.starts;
         let evaluator = Evaluator::new(scenario.clone(), world.clone(), starts, scenario.seed);
-        let checkpoint = self.run.join(CHECKPOINT_NAME);
+        let (checkpoint, state) = (self.run.join(CHECKPOINT_NAME), self.run.join(STATE_NAME));
         let outcome = self.watched(|status| {
             let options = RunOptions {
                 stop: self.stop,
@@ -47,10 +55,17 @@ impl Drive<'_> {
                 evaluator: Some(&evaluator),
                 recording: self.recording,
                 most_actions: self.most_actions,
+                keep: self.keep.then(|| Keep { path: state.clone(), every: scenario.agent.keep_every() }),
+                state: self.state.take(),
+                curve: self.curve.clone(),
             };
-            agent::run(scenario, source, log, &options)
+            agent::run(scenario, source, log, options)
         });
         let outcome: Outcome = outcome.map_err(|e| text(&e))?;
+        if outcome.actions >= scenario.actions as u64 {
+            // It is large, and there is nothing left to go on with. That there was none is no failure.
+            let _ = std::fs::remove_file(&state);
+        }
         for failure in &outcome.log.failures {
             eprintln!("warning: {failure}");
         }

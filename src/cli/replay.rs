@@ -1,5 +1,6 @@
 //! `adagio replay RUN`
 
+use std::cell::Cell;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -84,6 +85,9 @@ fn again(
             recording: unchanged.then_some(&recording.course),
             most_actions: Some(recording.course.decisions()),
             origin,
+            keep: false,
+            state: Cell::new(None),
+            curve: Vec::new(),
         };
         let report = drive.go(&mut source, log.map_err(|error| error.to_string())?)?;
         if source.damaged() > 0 {
@@ -153,8 +157,11 @@ fn compared(
             evaluator: None,
             recording: Some(&recording.course),
             most_actions: Some(most_actions),
+            keep: None,
+            state: None,
+            curve: Vec::new(),
         };
-        agent::run(scenario, &mut source, log, &options)
+        agent::run(scenario, &mut source, log, options)
     });
     let outcome = outcome.map_err(|error| error.to_string())?;
     let expected = outcome.log.expected.unwrap_or_default();

@@ -1,11 +1,13 @@
 //! `adagio resume RUN`
 
+use std::cell::Cell;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use super::drive::{self, Drive, log_options, metadata};
 use super::{Ending, ResumeArgs};
+use crate::agent::{KeptState, STATE_NAME, read_state};
 use crate::log::run::Repeating;
 use crate::log::{Folder, RunLog, log_files};
 use crate::replay::Recording;
@@ -40,13 +42,6 @@ pub fn resume(args: &ResumeArgs, stop: &AtomicBool) -> Ending {
 }
 
 fn can_go_on(run: &Path, recording: &Recording) -> Result<(), String> {
-    if recording.first_frame > 0 {
-        return Err(format!(
-            "{} begins with frame {}: earlier files were deleted (log.budget_mb), and with them what was learned first",
-            run.display(),
-            recording.first_frame
-        ));
-    }
     if let Some(of) = recording.metadata.get("replay_of") {
         return Err(format!("{} is a replay of {of}: there is no robot to go on with", run.display()));
     }
@@ -69,8 +64,21 @@ fn go_on(
 ) -> Result<Report, String> {
     let text = |error: &dyn std::fmt::Display| error.to_string();
     let world = Arc::new(World::new(&scenario).map_err(|e| text(&e))?);
+    let kept = state(&args.run, recording, &scenario);
+    if recording.first_frame > kept.as_ref().map_or(0, |kept| kept.frame + 1) {
+        return Err(format!(
+            "{} begins with frame {}: earlier files were deleted (log.budget_mb), and no state of the run was kept after that",
+            args.run.display(),
+            recording.first_frame
+        ));
+    }
     if !args.quiet {
-        eprintln!("learning again from {} recorded frames, then going on", Numbered(recording.frames));
+        match &kept {
+            Some(kept) => {
+                eprintln!("going on behind frame {}, where the state of the run was kept", Numbered(kept.frame))
+            }
+            None => eprintln!("learning again from {} recorded frames, then going on", Numbered(recording.frames)),
+        }
         for damage in &recording.damage {
             eprintln!("warning: {damage}");
         }
@@ -83,9 +91,15 @@ fn go_on(
     let (options, rotation) = log_options(&scenario);
     let metadata = metadata(&scenario, &origin);
     let log = RunLog::append(Folder::new(&args.run), &options, rotation, &metadata, &sizes).map_err(|e| text(&e))?;
-    let (expected, course) = recording.open_end();
+    let (mut expected, course) = recording.open_end();
+    let mut recorded = Recorded::new(scenario.clone(), world.clone(), recording.records());
+    let mut curve = Vec::new();
+    if let Some(kept) = &kept {
+        expected.skip_to(kept.stamp_ns);
+        recorded.skip_to(kept.frame);
+        curve = recording.curve(kept.frame, &scenario);
+    }
     let log = log.expecting(expected, Repeating::Skip);
-    let recorded = Recorded::new(scenario.clone(), world.clone(), recording.records());
     let mut source = Resumed::new(recorded, Simulated::new(scenario.clone(), world.clone()));
     let drive = Drive {
         scenario: &scenario,
@@ -96,6 +110,30 @@ fn go_on(
         recording: Some(&course),
         most_actions: None,
         origin,
+        keep: true,
+        state: Cell::new(kept.map(|kept| kept.parts)),
+        curve,
     };
     drive.go(&mut source, log)
+}
+
+/// The state that the run was put away with, if there is one that can be used: without it, everything is learned again from
+/// the log.
+fn state(run: &Path, recording: &Recording, scenario: &Scenario) -> Option<KeptState> {
+    let path = run.join(STATE_NAME);
+    let bytes = match std::fs::read(&path) {
+        Ok(bytes) => bytes,
+        Err(cause) if cause.kind() == std::io::ErrorKind::NotFound => return None,
+        Err(cause) => {
+            eprintln!("warning: cannot read {}: {cause}", path.display());
+            return None;
+        }
+    };
+    let (_, course) = recording.open_end();
+    match read_state(&bytes, scenario) {
+        Ok(kept) if course.last_frame().is_some_and(|last| kept.frame <= last) => return Some(kept),
+        Ok(kept) => eprintln!("warning: {} is ahead of the log, at frame {}", path.display(), kept.frame),
+        Err(error) => eprintln!("warning: {}: {error}", path.display()),
+    }
+    None
 }

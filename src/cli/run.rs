@@ -1,5 +1,6 @@
 //! `adagio run SCENARIO`
 
+use std::cell::Cell;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -86,5 +87,18 @@ fn in_folder(scenario: &Arc<Scenario>, run: &Path, args: &RunArgs, stop: &Atomic
     let world = Arc::new(World::new(scenario).map_err(|error| error.to_string())?);
     let mut source = Simulated::new(scenario.clone(), world.clone());
     let (quiet, recording, most_actions) = (args.quiet, None, None);
-    Drive { scenario, world: &world, run, stop, quiet, recording, most_actions, origin }.go(&mut source, log)
+    Drive {
+        scenario,
+        world: &world,
+        run,
+        stop,
+        quiet,
+        recording,
+        most_actions,
+        origin,
+        keep: true,
+        state: Cell::new(None),
+        curve: Vec::new(),
+    }
+    .go(&mut source, log)
 }

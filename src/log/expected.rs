@@ -113,6 +113,15 @@ impl Expected {
         }
     }
 
+    /// Begin in the middle: everything up to a time counts as repeated, with what was decided at that time left to come.
+    pub fn skip_to(&mut self, stamp_ns: u64) {
+        for (&name, topic) in &mut self.topics {
+            let decided = [topics::DECISION.name(), topics::COMMAND.name()].contains(&name);
+            let before = |seen: &Seen| seen.stamp_ns < stamp_ns || !decided && seen.stamp_ns == stamp_ns;
+            topic.repeated = topic.messages.partition_point(before);
+        }
+    }
+
     /// Messages of repeatable topics in the recording.
     pub fn recorded(&self) -> u64 {
         self.topics.values().map(|topic| topic.messages.len() as u64).sum()

@@ -2,11 +2,13 @@
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
 
+use crate::parts::{Parts, PartsError, Persist};
 use crate::scenario::{Scenario, Then};
 
 /// What a leg is for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Leg {
     /// Random walk.
     Explore,
@@ -15,7 +17,7 @@ pub enum Leg {
 }
 
 /// How pursuits of one task ended so far.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Tally {
     /// Pursuits that reached the goal.
     pub reached: usize,
@@ -101,5 +103,21 @@ impl Behaviour {
         let rest = self.scenario_actions.saturating_sub(self.explore_actions).max(1);
         let done = action.saturating_sub(self.explore_actions) as f64 / rest as f64;
         if action < self.explore_actions { 0.0 } else { self.pursue_share * done.min(1.0) }
+    }
+}
+
+impl Persist for Behaviour {
+    fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
+        let tasks = self.tallies.len();
+        parts.random("random", &mut self.rng)?;
+        parts.value("leg", &mut self.leg)?;
+        parts.value("left", &mut self.left)?;
+        parts.value("last_task", &mut self.last_task)?;
+        parts.value("tallies", &mut self.tallies)?;
+        let known = match self.leg {
+            Leg::Pursue(task) => task < tasks,
+            Leg::Explore => true,
+        };
+        parts.check("tallies", known && self.last_task < tasks && self.tallies.len() == tasks, "other tasks")
     }
 }

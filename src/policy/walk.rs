@@ -8,6 +8,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 use super::reflex::{Recent, Reflexes};
+use crate::parts::{Parts, PartsError, Persist};
 use crate::scenario;
 use crate::world::Action;
 
@@ -58,6 +59,12 @@ impl Walk {
         }
         // Rounding can leave a remainder: the last action that has weight.
         if weights[2] > 0.0 { Action::TurnRight } else { Action::TurnLeft }
+    }
+}
+
+impl Persist for Walk {
+    fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
+        parts.random("random", &mut self.rng)
     }
 }
 

@@ -6,8 +6,8 @@ use std::sync::Arc;
 
 use thiserror::Error;
 
-use crate::agent::Course;
-use crate::log::messages::{Decision, FrameTaken, ModelRequest, ModelUpdate};
+use crate::agent::{Course, CurvePoint};
+use crate::log::messages::{Decision, Evaluation, FrameTaken, ModelRequest, ModelUpdate};
 use crate::log::writer::METADATA_NAME;
 use crate::log::{Ending, Expected, FilesReader, LogError, Message, Record, log_files, topics};
 use crate::scenario::{Scenario, ScenarioError};
@@ -58,6 +58,10 @@ pub struct Recording {
     pub metadata: BTreeMap<String, String>,
     /// How often the run went on after it had ended.
     pub part: u32,
+    /// What is known of each model, by its epoch.
+    models: BTreeMap<u32, ModelUpdate>,
+    /// Success and convergence quality of each task, by the epoch of the policy.
+    evaluations: BTreeMap<u32, Vec<(f64, f64)>>,
     /// Requests, swaps, decisions.
     pub course: Course,
     /// The messages that a run that goes on must log again.
@@ -99,6 +103,8 @@ impl Recording {
             files: files.clone(),
             metadata: BTreeMap::new(),
             part: 0,
+            models: BTreeMap::new(),
+            evaluations: BTreeMap::new(),
             course: Course::default(),
             expected: Expected::default(),
             closing: Vec::new(),
@@ -177,6 +183,10 @@ impl Recording {
         } else if is(topics::MODEL.name()) {
             let update: ModelUpdate = decode(record)?;
             self.course.effective(update.asked_at_frame, update.effective_at_frame);
+            self.models.insert(update.epoch, update);
+        } else if is(topics::EVALUATION.name()) {
+            let Evaluation { epoch, success, convergence_quality, .. } = decode(record)?;
+            self.evaluations.entry(epoch).or_default().push((success, convergence_quality));
         } else if is(topics::DECISION.name()) {
             decode::<Decision>(record)?;
             self.course.decided();
@@ -205,6 +215,24 @@ impl Recording {
     /// What a run that goes on must do again: the messages that it must log again, and its course.
     pub fn open_end(&self) -> (Expected, Course) {
         (self.expected.clone(), self.open_course.clone().unwrap_or_else(|| self.course.clone()))
+    }
+
+    /// The evaluations beside the run of models that acted up to a frame.
+    pub fn curve(&self, frame: u64, scenario: &Scenario) -> Vec<CurvePoint> {
+        let tasks = scenario.tasks.len();
+        let models = self.models.values().filter(|model| model.effective_at_frame <= frame);
+        let evaluated = models.filter_map(|model| Some((model, self.evaluations.get(&model.epoch)?)));
+        evaluated
+            .filter(|(_, results)| results.len() == tasks)
+            .map(|(model, results)| CurvePoint {
+                frames: model.frames,
+                actions: (model.frames - 1) / scenario.robot.frames_per_action as u64,
+                support_vectors: model.support_vectors as usize,
+                success: results.iter().map(|result| result.0).sum::<f64>() / tasks as f64,
+                convergence_quality: results.iter().map(|result| result.1).sum::<f64>() / tasks as f64,
+                slowness_mean: model.slowness.iter().sum::<f64>() / model.slowness.len() as f64,
+            })
+            .collect()
     }
 
     /// A reader of all its files.

@@ -8,6 +8,7 @@ pub use simulated::Simulated;
 
 use nalgebra::Point2;
 
+use crate::parts::{Parts, PartsError};
 use crate::scenario::Task;
 use crate::world::{Action, Image, Pose, World, in_goal};
 
@@ -71,6 +72,14 @@ pub trait Source {
     /// Execute an action and give its frames in order; the last one is a boundary. Stops early if `give` says so. Returns
     /// whether it can go on: a recording ends.
     fn execute(&mut self, action: Action, give: &mut dyn FnMut(Frame) -> bool) -> bool;
+
+    /// Put away or make again where it is, between two actions, see [`Persist`](crate::parts::Persist).
+    ///
+    /// # Errors
+    /// A source that cannot be put away; parts that are missing or do not fit.
+    fn persist(&mut self, _parts: &mut Parts) -> Result<(), PartsError> {
+        Err(PartsError::Unable("this source of frames"))
+    }
 }
 
 /// What an action came to at a place, as the ceiling camera sees it.

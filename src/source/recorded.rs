@@ -9,12 +9,13 @@ use super::{Frame, Source, View, boundary};
 use crate::log::files::FilesReader;
 use crate::log::messages::{self as msg, FrameTaken, Image, LaserScan, Odometry, PoseStamped};
 use crate::log::{LogError, Message, Record, topics};
+use crate::parts::{Parts, PartsError};
 use crate::scenario::Scenario;
 use crate::world::{Action, Pose, World};
 
 /// What was sensed with a frame, as far as it was read.
 #[derive(Default)]
-struct Parts {
+struct Sensed {
     pose: Option<Pose>,
     odometry: Option<Pose>,
     sonar: Option<Vec<f32>>,
@@ -30,22 +31,29 @@ pub struct Recorded {
     records: FilesReader,
     /// Sequence number of the frame that is being put together.
     sequence: u32,
-    parts: Parts,
+    parts: Sensed,
     ahead: VecDeque<Frame>,
     /// Frames that lack a part, and records that could not be read.
     damaged: u64,
+    /// Frames up to this one are left out.
+    skip_to: Option<u64>,
 }
 
 impl Recorded {
     /// The frames of a run's log files; tasks and world are the scenario's.
     pub fn new(scenario: Arc<Scenario>, world: Arc<World>, records: FilesReader) -> Self {
-        let (parts, ahead) = (Parts::default(), VecDeque::new());
-        Recorded { scenario, world, records, sequence: 0, parts, ahead, damaged: 0 }
+        let (parts, ahead) = (Sensed::default(), VecDeque::new());
+        Recorded { scenario, world, records, sequence: 0, parts, ahead, damaged: 0, skip_to: None }
     }
 
     /// Frames that could not be put together, and records that could not be read, so far.
     pub fn damaged(&self) -> u64 {
         self.damaged
+    }
+
+    /// Leave out all frames up to this one.
+    pub fn skip_to(&mut self, frame: u64) {
+        self.skip_to = Some(frame);
     }
 
     /// The next frame.
@@ -89,7 +97,7 @@ impl Recorded {
             return Ok(());
         }
         if *sequence != self.sequence {
-            (self.sequence, self.parts) = (*sequence, Parts::default());
+            (self.sequence, self.parts) = (*sequence, Sensed::default());
         }
         if is(topics::POSE.name()) {
             self.parts.pose = Some(planar(&decode::<PoseStamped>(record)?.pose));
@@ -104,6 +112,9 @@ impl Recorded {
         } else {
             let image = decode::<Image>(record)?;
             let parts = std::mem::take(&mut self.parts);
+            if parts.taken.as_ref().is_some_and(|taken| self.skip_to.is_some_and(|last| taken.frame <= last)) {
+                return Ok(());
+            }
             match self.frame(parts, image, *log_time_ns) {
                 Some(frame) => self.ahead.push_back(frame),
                 None => self.damaged += 1,
@@ -112,8 +123,9 @@ impl Recorded {
         Ok(())
     }
 
-    fn frame(&self, parts: Parts, image: Image, stamp_ns: u64) -> Option<Frame> {
-        let Parts { pose: Some(pose), odometry: Some(odometry), sonar: Some(sonar), taken: Some(taken) } = parts else {
+    fn frame(&self, parts: Sensed, image: Image, stamp_ns: u64) -> Option<Frame> {
+        let Sensed { pose: Some(pose), odometry: Some(odometry), sonar: Some(sonar), taken: Some(taken) } = parts
+        else {
             return None;
         };
         let vision = &self.scenario.vision;
@@ -190,6 +202,10 @@ impl<S: Source> Source for Resumed<S> {
         }
         // The log may end in the middle of an action: the rest of its frames come from the robot.
         self.live.execute(action, &mut |frame| last.is_some_and(|last| frame.number <= last) || give(frame))
+    }
+
+    fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
+        self.live.persist(parts)
     }
 }
 

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use nalgebra::Point2;
 
 use super::{Boundary, Frame, Source, View, boundary};
+use crate::parts::{Parts, PartsError};
 use crate::random::stream;
 use crate::scenario::Scenario;
 use crate::world::{Action, Pose, Robot, Sensor, World};
@@ -72,5 +73,11 @@ impl Source for Simulated {
             }
         }
         true
+    }
+
+    fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
+        parts.inner("robot", &mut self.robot)?;
+        parts.inner("sensor", &mut self.sensor)?;
+        parts.value("number", &mut self.number)
     }
 }

@@ -81,6 +81,26 @@ impl<S: Clone> Window<S> {
         evicted
     }
 
+    /// All transitions with their arrival numbers, in this order, and the number that the next one will get: what
+    /// [`Window::restored`] needs to make an equal window.
+    pub fn arrivals(&self) -> (Vec<(u64, &Transition<S>)>, u64) {
+        let mut entries: Vec<(u64, &Transition<S>)> =
+            self.groups.values().flatten().map(|(number, transition)| (*number, transition)).collect();
+        entries.sort_by_key(|entry| entry.0);
+        (entries, self.arrivals)
+    }
+
+    /// A window for `capacity` transitions with these in it. Beyond its capacity the oldest of the fullest leave.
+    pub fn restored(capacity: usize, entries: Vec<(u64, Transition<S>)>, next: u64) -> Self {
+        let mut window = Window::new(capacity);
+        for (number, transition) in entries {
+            window.arrivals = number;
+            window.push(transition);
+        }
+        window.arrivals = next;
+        window
+    }
+
     /// All transitions in the order of their arrival.
     pub fn snapshot(&self) -> Vec<Transition<S>> {
         let mut entries: Vec<&Arrived<S>> = self.groups.values().flatten().collect();

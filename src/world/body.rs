@@ -5,6 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::{Arena, Pose};
+use crate::parts::{Parts, PartsError, Persist};
 use crate::scenario;
 
 /// What the robot can do.
@@ -106,6 +107,19 @@ impl Robot {
 
     fn normal(&mut self) -> f64 {
         StandardNormal.sample(&mut self.noise)
+    }
+}
+
+impl Persist for Robot {
+    fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
+        for (name, pose) in [("pose", &mut self.pose), ("odometry", &mut self.odometry)] {
+            let mut numbers = vec![pose.position.x, pose.position.y, pose.heading];
+            parts.numbers(name, &mut numbers)?;
+            let [x, y, heading] = numbers[..] else { return parts.check(name, false, "not three numbers") };
+            // Not by `Pose::new`: the heading is in its range already, and every bit counts.
+            *pose = Pose { position: Point2::new(x, y), heading };
+        }
+        parts.random("noise", &mut self.noise)
     }
 }
 

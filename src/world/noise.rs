@@ -7,6 +7,8 @@ use pulp::NullaryFnOnce;
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
+use crate::parts::{Parts, PartsError, Persist};
+
 /// Generators side by side: one vector register of 256 bits.
 const LANES: usize = 8;
 
@@ -58,6 +60,12 @@ impl Noise {
     /// each value and gain. Weaker noise cannot hide the steps of rounding.
     pub fn expose(&mut self, values: &mut [u8], gain: f64, deviation: f64) {
         pulp::Arch::new().dispatch(Expose { state: &mut self.state, values, scales: Scales::new(gain, deviation) });
+    }
+}
+
+impl Persist for Noise {
+    fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
+        parts.value("state", &mut self.state)
     }
 }
 

@@ -5,6 +5,7 @@ use rand_distr::{Distribution, StandardNormal};
 
 use super::Image;
 use super::noise::Noise;
+use crate::parts::{Parts, PartsError, Persist};
 use crate::scenario::{Detail, Scenario};
 
 /// The camera's sensor.
@@ -41,6 +42,14 @@ impl Sensor {
         let normal: f64 = StandardNormal.sample(&mut self.random);
         self.exposure = self.keep * self.exposure + self.stir * normal;
         self.noise.expose(&mut image.rgb, self.exposure.exp(), self.pixel_noise);
+    }
+}
+
+impl Persist for Sensor {
+    fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
+        parts.random("random", &mut self.random)?;
+        parts.inner("noise", &mut self.noise)?;
+        parts.number("exposure", &mut self.exposure)
     }
 }
 
