@@ -1,12 +1,13 @@
 //! Threads for the actors; the first error of any of them is kept.
 
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{Builder, Scope, ScopedJoinHandle};
 
 use faer::Par;
 
 use super::run::RunError;
+use super::turns::Turns;
 use crate::scenario;
 
 /// Threads for the matrix products of an actor. Their bits do not depend on it.
@@ -20,6 +21,8 @@ pub struct Crew<'scope, 'env> {
     pub failed: &'scope Mutex<Option<RunError>>,
     /// Set with the first error, so that the run ends at the next decision.
     pub ended: &'scope AtomicBool,
+    /// The actors take turns.
+    pub turns: Option<&'env Arc<Turns>>,
 }
 
 impl<'scope> Crew<'scope, '_> {
@@ -30,7 +33,9 @@ impl<'scope> Crew<'scope, '_> {
         work: impl FnOnce() -> Result<R, RunError> + Send + 'scope,
     ) -> Result<ScopedJoinHandle<'scope, Option<R>>, RunError> {
         let (failed, ended) = (self.failed, self.ended);
+        let turn = self.turns.map(|turns| (turns.clone(), turns.add(name)));
         let guarded = move || {
+            let _entered = turn.as_ref().map(|(turns, me)| turns.enter(*me));
             let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(work));
             let error = match result {
                 Ok(Ok(done)) => return Some(done),

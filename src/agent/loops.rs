@@ -106,9 +106,8 @@ impl Supply<'_> {
     /// Where frames are dropped, the state of the run must not be among them: no frame follows it into the queue before it was
     /// taken out.
     fn wait_until_taken(&self) {
-        let begin = Instant::now();
-        while self.drop_from.as_ref().is_some_and(|taker| !taker.is_empty()) && begin.elapsed() < HAND_OVER {
-            std::thread::sleep(Duration::from_millis(1));
+        if let Some(taker) = &self.drop_from {
+            taker.wait_until_empty(HAND_OVER);
         }
     }
 }

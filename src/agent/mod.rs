@@ -30,8 +30,11 @@ mod queue;
 mod record;
 mod run;
 mod schedule;
+#[cfg(test)]
+mod schedules;
 mod solve;
 mod status;
+mod turns;
 
 pub use checkpoint::{CHECKPOINT_NAME, CheckpointError, KeptState, STATE_NAME, read_checkpoint, read_state};
 pub use clock::Timing;

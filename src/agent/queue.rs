@@ -2,8 +2,11 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, TryRecvError, TrySendError, bounded};
+
+use super::turns::{StirWhenDropped, Turns};
 
 /// The depth of a queue, for those who watch.
 #[derive(Debug, Clone)]
@@ -26,35 +29,40 @@ impl Gauge {
 pub struct Outbox<T> {
     sender: Sender<T>,
     depth: Arc<AtomicUsize>,
+    /// Behind the sender: that is gone by then.
+    turns: StirWhenDropped,
 }
 
 /// The end of a queue from which messages are taken.
 pub struct Inbox<T> {
     receiver: Receiver<T>,
     depth: Arc<AtomicUsize>,
+    /// Behind the receiver: that is gone by then.
+    turns: StirWhenDropped,
 }
 
 /// The other end of a queue is gone: there is nothing left to do for this one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Closed;
 
-/// A queue for at most `capacity` messages.
-pub fn queue<T>(name: &'static str, capacity: usize) -> (Outbox<T>, Inbox<T>, Gauge) {
+/// A queue for at most `capacity` messages; `turns`: the actors that use it take turns.
+pub fn queue<T>(name: &'static str, capacity: usize, turns: Option<&Arc<Turns>>) -> (Outbox<T>, Inbox<T>, Gauge) {
     let (sender, receiver) = bounded(capacity);
     let depth = Arc::new(AtomicUsize::new(0));
     let gauge = Gauge { name, capacity, depth: depth.clone() };
-    (Outbox { sender, depth: depth.clone() }, Inbox { receiver, depth }, gauge)
+    let turns = StirWhenDropped(turns.cloned());
+    (Outbox { sender, depth: depth.clone(), turns: turns.clone() }, Inbox { receiver, depth, turns }, gauge)
 }
 
 impl<T> Clone for Outbox<T> {
     fn clone(&self) -> Self {
-        Outbox { sender: self.sender.clone(), depth: self.depth.clone() }
+        Outbox { sender: self.sender.clone(), depth: self.depth.clone(), turns: self.turns.clone() }
     }
 }
 
 impl<T> Clone for Inbox<T> {
     fn clone(&self) -> Self {
-        Inbox { receiver: self.receiver.clone(), depth: self.depth.clone() }
+        Inbox { receiver: self.receiver.clone(), depth: self.depth.clone(), turns: self.turns.clone() }
     }
 }
 
@@ -68,10 +76,16 @@ impl<T> Outbox<T> {
     /// this side then holds a share: it does not notice any more that the other one has gone. How many went.
     pub fn put_newest(&self, message: T, taker: &Inbox<T>) -> u64 {
         let (mut message, mut dropped) = (message, 0);
+        if let Some(turns) = &self.turns.0 {
+            turns.pause();
+        }
         self.depth.fetch_add(1, Ordering::Relaxed);
         loop {
             match self.sender.try_send(message) {
-                Ok(()) => return dropped,
+                Ok(()) => {
+                    self.turns.0.iter().for_each(|turns| turns.stir());
+                    return dropped;
+                }
                 Err(TrySendError::Full(back)) => message = back,
                 Err(TrySendError::Disconnected(_)) => return dropped,
             }
@@ -84,7 +98,22 @@ impl<T> Outbox<T> {
     /// Put a message in, waiting for room.
     pub fn put(&self, message: T) -> Result<(), Closed> {
         self.depth.fetch_add(1, Ordering::Relaxed);
-        self.sender.send(message).map_err(|_| Closed)
+        let Some(turns) = &self.turns.0 else { return self.sender.send(message).map_err(|_| Closed) };
+        let mut waiting = Some(message);
+        turns.attempt(|| match self.sender.try_send(waiting.take()?) {
+            Ok(()) => Some(Ok(())),
+            Err(TrySendError::Disconnected(_)) => Some(Err(Closed)),
+            Err(TrySendError::Full(back)) => {
+                waiting = Some(back);
+                None
+            }
+        })
+    }
+
+    /// A queue for one message, between the same actors.
+    pub fn reply<R>(&self) -> (Outbox<R>, Inbox<R>) {
+        let (outbox, inbox, _) = queue("reply", 1, self.turns.0.as_ref());
+        (outbox, inbox)
     }
 }
 
@@ -94,22 +123,49 @@ impl<T> Inbox<T> {
         self.receiver.is_empty()
     }
 
+    /// Wait until the queue is empty, no longer than `limit`.
+    pub fn wait_until_empty(&self, limit: Duration) {
+        if let Some(turns) = &self.turns.0 {
+            return turns.attempt(|| self.is_empty().then_some(()));
+        }
+        let begin = Instant::now();
+        while !self.is_empty() && begin.elapsed() < limit {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+
     /// Take the next message, waiting for it.
     pub fn take(&self) -> Result<T, Closed> {
-        self.counted(self.receiver.recv().map_err(|_| Closed))
+        let Some(turns) = &self.turns.0 else { return self.counted(self.receiver.recv().map_err(|_| Closed)) };
+        self.counted(turns.attempt(|| match self.receiver.try_recv() {
+            Ok(message) => Some(Ok(message)),
+            Err(TryRecvError::Disconnected) => Some(Err(Closed)),
+            Err(TryRecvError::Empty) => None,
+        }))
     }
 
     /// Take the next message if there is one.
     pub fn poll(&self) -> Result<Option<T>, Closed> {
+        if let Some(turns) = &self.turns.0 {
+            turns.pause();
+        }
         match self.receiver.try_recv() {
-            Ok(message) => self.counted(Ok(message)).map(Some),
+            Ok(message) => {
+                let taken = self.counted(Ok(message)).map(Some);
+                // There is room now.
+                self.turns.0.iter().for_each(|turns| turns.stir());
+                taken
+            }
             Err(TryRecvError::Empty) => Ok(None),
             Err(TryRecvError::Disconnected) => Err(Closed),
         }
     }
 
-    /// Take the next message, waiting for it no longer than `limit`.
-    pub fn take_within(&self, limit: std::time::Duration) -> Result<Option<T>, Closed> {
+    /// Take the next message, waiting for it no longer than `limit`; where actors take turns, there is no time.
+    pub fn take_within(&self, limit: Duration) -> Result<Option<T>, Closed> {
+        if self.turns.0.is_some() {
+            return self.take().map(Some);
+        }
         match self.receiver.recv_timeout(limit) {
             Ok(message) => self.counted(Ok(message)).map(Some),
             Err(RecvTimeoutError::Timeout) => Ok(None),

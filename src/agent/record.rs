@@ -66,14 +66,14 @@ impl Recorder {
 
     /// Wait until everything that was put in before has been handed to the operating system.
     pub fn flush(&self) -> Result<(), Closed> {
-        let (done, wait) = crossbeam_channel::bounded(1);
+        let (done, wait) = self.outbox.reply();
         self.outbox.put(Box::new(move |log| {
             log.flush()?;
             // Whoever waits may have ended.
-            let _ = done.send(());
+            let _ = done.put(());
             Ok(())
         }))?;
-        wait.recv().map_err(|_| Closed)
+        wait.take()
     }
 
     /// What was sensed with a frame, and the observation that was made of it.

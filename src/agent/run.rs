@@ -24,6 +24,7 @@ use super::record::{Level, Recorder, write_log};
 use super::schedule::{Course, Schedule};
 use super::solve::Solve;
 use super::status::Status;
+use super::turns::Turns;
 use crate::evaluate::Evaluator;
 use crate::log::{LogError, RunLog, RunTotals};
 use crate::parts::{Parts, PartsError};
@@ -138,28 +139,39 @@ pub fn run(
     log: RunLog,
     options: RunOptions<'_>,
 ) -> Result<Outcome, RunError> {
+    run_in_turns(scenario, source, log, options, None)
+}
+
+/// As [`run`]; with `turns` only one actor runs at a time, see [`Turns`].
+pub(super) fn run_in_turns(
+    scenario: &Arc<Scenario>,
+    source: &mut (dyn Source + Send),
+    log: RunLog,
+    options: RunOptions<'_>,
+    turns: Option<&Arc<Turns>>,
+) -> Result<Outcome, RunError> {
     fix_parallelism();
     let begin = Instant::now();
     let status = options.status;
     let (capacity, par) = (scenario.agent.queue, parallelism(&scenario.agent));
-    let (frames_out, frames_in, gauge) = queue::<Item<Frame>>("frames", capacity);
+    let (frames_out, frames_in, gauge) = queue::<Item<Frame>>("frames", capacity, turns);
     status.watch(gauge);
-    let (percepts_out, percepts_in, gauge) = queue::<Percept>("percepts", capacity);
+    let (percepts_out, percepts_in, gauge) = queue::<Percept>("percepts", capacity, turns);
     status.watch(gauge);
-    let (actions_out, actions_in, gauge) = queue::<Item<Action>>("actions", 1);
+    let (actions_out, actions_in, gauge) = queue::<Item<Action>>("actions", 1, turns);
     status.watch(gauge);
     // Requests carry whole matrices: two of them at a time are enough.
-    let (solve_out, solve_in, gauge) = queue::<Item<SolveRequest>>("solve", 1);
+    let (solve_out, solve_in, gauge) = queue::<Item<SolveRequest>>("solve", 1, turns);
     status.watch(gauge);
-    let (fit_out, fit_in, gauge) = queue::<Item<FitRequest>>("fit", 1);
+    let (fit_out, fit_in, gauge) = queue::<Item<FitRequest>>("fit", 1, turns);
     status.watch(gauge);
-    let (updates_out, updates_in, gauge) = queue::<Update>("updates", capacity);
+    let (updates_out, updates_in, gauge) = queue::<Update>("updates", capacity, turns);
     status.watch(gauge);
-    let (assess_out, assess_in, gauge) = queue::<(Arc<Learned>, u64)>("assess", 2);
+    let (assess_out, assess_in, gauge) = queue::<(Arc<Learned>, u64)>("assess", 2, turns);
     status.watch(gauge);
-    let (keep_out, keep_in, gauge) = queue::<Item<Infallible>>("keep", 1);
+    let (keep_out, keep_in, gauge) = queue::<Item<Infallible>>("keep", 1, turns);
     status.watch(gauge);
-    let (writes_out, writes_in, gauge) = queue("log", 8 * capacity);
+    let (writes_out, writes_in, gauge) = queue("log", 8 * capacity, turns);
     status.watch(gauge);
     let recorder = Recorder::new(writes_out, scenario.clone());
     let schedule = Arc::new(Schedule::new(&scenario.agent, options.recording));
@@ -192,7 +204,7 @@ pub fn run(
     };
 
     let parts = std::thread::scope(|scope| -> Result<_, RunError> {
-        let crew = Crew { scope, failed: &failed, ended: &ended };
+        let crew = Crew { scope, failed: &failed, ended: &ended, turns };
         let log_thread = crew.start("log", move || Ok(write_log(&writes_in, log, flush)?))?;
         crew.start("source", move || {
             supply.run(source);
@@ -259,16 +271,21 @@ pub fn run(
             };
             deciding.run(acting, actions_out)
         })?;
-        let record = recorder.clone();
-        let over = &over;
-        let health = crew.start("health", move || {
-            loops::watch_health(&record, status, over);
-            Ok(())
-        })?;
+        let mut health = None;
+        if let Some(turns) = turns {
+            // The health of the program is told by the clock, and there is none where actors take turns.
+            turns.begin();
+        } else {
+            let (record, over) = (recorder.clone(), &over);
+            health = Some(crew.start("health", move || {
+                loops::watch_health(&record, status, over);
+                Ok(())
+            })?);
+        }
         let parts = (act.join(), perceive.join(), solver.join(), fitter.join(), assess.join());
         let _ = keeper.join();
         over.store(true, Ordering::Relaxed);
-        let _ = health.join();
+        let _ = health.map(|health| health.join());
         let stamp = status.snapshot().stamp_ns;
         let failure = failed.lock().unwrap_or_else(PoisonError::into_inner).take();
         match (&failure, parts.0.as_ref()) {
