@@ -3,126 +3,20 @@
 //! A file is closed and the next one begun when it is large or old enough, with no message lost in between. Where a file
 //! cannot be written any further, what was not in it yet goes into a new one; where that fails too, the run hears of it.
 
+mod failure;
+mod storage;
+
 use std::collections::{BTreeMap, VecDeque};
-use std::fs::{File, OpenOptions};
-use std::io::{self, Write};
-use std::path::{Path, PathBuf};
+use std::io::Write;
 use std::time::{Duration, Instant};
+
+use self::failure::{MOST_ATTEMPTS, Unflushed};
+pub use self::storage::{Folder, Nowhere, Storage, log_files, log_number};
 
 use super::expected::{Expected, Met};
 use super::messages::{Log, Time};
-use super::writer::{LogOptions, LogWriter};
+use super::writer::{FileTotals, LogOptions, LogWriter};
 use super::{LogError, Message, Topic, cdr, topics};
-
-/// Where the files of a run are kept, by their numbers.
-pub trait Storage: Send {
-    /// Begin a file, which must not exist.
-    ///
-    /// # Errors
-    /// It exists, or the operating system refuses.
-    fn create(&mut self, number: u32) -> io::Result<Box<dyn Write + Send>>;
-
-    /// Whether a file that was begun is still where it was.
-    fn holds(&self, number: u32) -> bool;
-
-    /// Shorten a file.
-    ///
-    /// # Errors
-    /// The operating system refuses.
-    fn cut(&mut self, number: u32, bytes: u64) -> io::Result<()>;
-
-    /// Delete a file.
-    ///
-    /// # Errors
-    /// The operating system refuses.
-    fn remove(&mut self, number: u32) -> io::Result<()>;
-
-    /// Name of a file, for people.
-    fn name(&self, number: u32) -> String;
-}
-
-/// A run's folder as storage.
-#[derive(Debug, Clone)]
-pub struct Folder(PathBuf);
-
-impl Folder {
-    /// Storage in a folder, which must exist.
-    pub fn new(path: &Path) -> Self {
-        Folder(path.to_owned())
-    }
-
-    fn path(&self, number: u32) -> PathBuf {
-        self.0.join(format!("run_{number:03}.mcap"))
-    }
-}
-
-impl Storage for Folder {
-    fn create(&mut self, number: u32) -> io::Result<Box<dyn Write + Send>> {
-        Ok(Box::new(File::create_new(self.path(number))?))
-    }
-
-    fn holds(&self, number: u32) -> bool {
-        self.path(number).is_file()
-    }
-
-    fn cut(&mut self, number: u32, bytes: u64) -> io::Result<()> {
-        OpenOptions::new().write(true).open(self.path(number))?.set_len(bytes)
-    }
-
-    fn remove(&mut self, number: u32) -> io::Result<()> {
-        std::fs::remove_file(self.path(number))
-    }
-
-    fn name(&self, number: u32) -> String {
-        self.path(number).display().to_string()
-    }
-}
-
-/// Storage that keeps nothing: for a repetition that is only compared.
-#[derive(Debug, Clone, Copy)]
-pub struct Nowhere;
-
-impl Storage for Nowhere {
-    fn create(&mut self, _: u32) -> io::Result<Box<dyn Write + Send>> {
-        Ok(Box::new(io::sink()))
-    }
-
-    fn holds(&self, _: u32) -> bool {
-        true
-    }
-
-    fn cut(&mut self, _: u32, _: u64) -> io::Result<()> {
-        Ok(())
-    }
-
-    fn remove(&mut self, _: u32) -> io::Result<()> {
-        Ok(())
-    }
-
-    fn name(&self, _: u32) -> String {
-        "(not kept)".into()
-    }
-}
-
-/// The numbers and paths of a run folder's log files, in order.
-///
-/// # Errors
-/// The folder cannot be read.
-pub fn log_files(run: &Path) -> io::Result<Vec<(u32, PathBuf)>> {
-    let mut files = Vec::new();
-    for entry in std::fs::read_dir(run)? {
-        let path = entry?.path();
-        files.extend(log_number(&path).map(|number| (number, path)));
-    }
-    files.sort();
-    Ok(files)
-}
-
-/// The number of a log file of a run folder, by its name.
-pub fn log_number(path: &Path) -> Option<u32> {
-    let name = path.file_name()?.to_str()?;
-    name.strip_prefix("run_")?.strip_suffix(".mcap")?.parse().ok()
-}
 
 /// When a file ends and the next one begins, and how much all of them may take.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -159,44 +53,27 @@ pub struct RunTotals {
     pub expected: Option<Expected>,
 }
 
-/// Messages that were written since the last flush, to be written once more if the file fails.
-#[derive(Default)]
-struct Unflushed {
-    messages: Vec<(&'static str, u32, u64, usize)>,
-    bodies: Vec<u8>,
-}
-
-impl Unflushed {
-    fn push(&mut self, topic: &'static str, sequence: u32, stamp_ns: u64, body: &[u8]) {
-        self.messages.push((topic, sequence, stamp_ns, body.len()));
-        self.bodies.extend_from_slice(body);
-    }
-
-    fn pop(&mut self) {
-        if let Some((.., length)) = self.messages.pop() {
-            self.bodies.truncate(self.bodies.len() - length);
-        }
-    }
-
-    fn clear(&mut self) {
-        self.messages.clear();
-        self.bodies.clear();
-    }
-}
-
 /// Writes the log of a run; end it with [`RunLog::finish`].
+///
+/// After [`LogError::Write`] every call reports that first failure and writes nothing.
 pub struct RunLog {
     storage: Box<dyn Storage>,
     options: LogOptions,
     rotation: Rotation,
     metadata: BTreeMap<String, String>,
     number: u32,
+    /// Number of the next file.
+    next: u32,
     writer: LogWriter<Box<dyn Write + Send>>,
     opened: Option<Instant>,
+    /// Where the next file could not be begun: this many times size and age before it is tried again.
+    patience: u32,
     unflushed: Unflushed,
     /// Numbers and sizes of the files before the present one, the oldest first.
     closed: VecDeque<(u32, u64)>,
     totals: RunTotals,
+    /// The failure that ended this log: name of the file, bytes in it, cause.
+    failed: Option<(String, u64, String)>,
     expected: Option<(Expected, Repeating)>,
     /// The newest stamp, for the log's own diagnostics.
     stamp_ns: u64,
@@ -254,7 +131,7 @@ impl RunLog {
         metadata: &BTreeMap<String, String>,
         closed: VecDeque<(u32, u64)>,
     ) -> Result<Self, LogError> {
-        let number = closed.back().map_or(0, |(number, _)| number + 1);
+        let number = closed.back().map_or(0, |(number, _)| number.saturating_add(1));
         let writer = open(storage.as_mut(), number, options, metadata)?;
         Ok(RunLog {
             storage,
@@ -262,11 +139,14 @@ impl RunLog {
             rotation,
             metadata: metadata.clone(),
             number,
+            next: number.saturating_add(1),
             writer,
             opened: None,
+            patience: 1,
             unflushed: Unflushed::default(),
             closed,
             totals: RunTotals::default(),
+            failed: None,
             expected: None,
             stamp_ns: 0,
             body: Vec::new(),
@@ -300,6 +180,7 @@ impl RunLog {
         stamp_ns: u64,
         body: &[u8],
     ) -> Result<(), LogError> {
+        self.check()?;
         if let Some((expected, repeating)) = &mut self.expected {
             match (expected.meet(topic, stamp_ns, body), *repeating) {
                 (Met::Recorded, Repeating::Skip) => return Ok(()),
@@ -309,17 +190,20 @@ impl RunLog {
         }
         self.stamp_ns = stamp_ns;
         self.rotate_if_due(None)?;
+        self.put(topic, sequence, stamp_ns, body)
+    }
+
+    fn put(&mut self, topic: &'static str, sequence: u32, stamp_ns: u64, body: &[u8]) -> Result<(), LogError> {
         self.unflushed.push(topic, sequence, stamp_ns, body);
         match self.writer.write_encoded(topic, sequence, stamp_ns, body) {
-            Ok(()) => {}
-            Err(cause @ LogError::Write { .. }) => self.carry_on(cause)?,
+            Ok(()) => self.settle()?,
+            Err(cause @ LogError::Write { .. }) => self.carry_on(&cause)?,
             Err(refused) => {
                 self.unflushed.pop();
                 return Err(refused);
             }
         }
         self.totals.messages += 1;
-        self.forget_flushed();
         Ok(())
     }
 
@@ -329,14 +213,17 @@ impl RunLog {
     /// As [`RunLog::write`].
     pub fn attach(&mut self, name: &str, media_type: &str, bytes: &[u8], stamp_ns: u64) -> Result<(), LogError> {
         self.flush()?;
-        if let Err(cause) = self.writer.attach(name, media_type, bytes, stamp_ns) {
-            if !matches!(cause, LogError::Write { .. }) {
-                return Err(cause);
+        // Each failure is followed by a file that could be written, and so by another try.
+        for _ in 0..MOST_ATTEMPTS {
+            match self.writer.attach(name, media_type, bytes, stamp_ns) {
+                Ok(()) if self.storage.holds(self.number) => return Ok(()),
+                Ok(()) => self.carry_on(&self.gone())?,
+                Err(cause @ LogError::Write { .. }) => self.carry_on(&cause)?,
+                Err(refused) => return Err(refused),
             }
-            self.carry_on(cause)?;
-            self.writer.attach(name, media_type, bytes, stamp_ns)?;
         }
-        Ok(())
+        let (log, bytes) = (self.storage.name(self.number), self.writer.flushed().bytes);
+        Err(self.fail(log, bytes, format!("{MOST_ATTEMPTS} files could not take the attachment {name}")))
     }
 
     /// Flush, rotate and delete if it is time to; call it often, with the time.
@@ -344,17 +231,11 @@ impl RunLog {
     /// # Errors
     /// As [`RunLog::write`].
     pub fn tick(&mut self, now: Instant) -> Result<(), LogError> {
-        let before = self.writer.flushed();
-        if let Err(cause) = self.writer.tick(now) {
-            self.carry_on(cause)?;
+        self.check()?;
+        match self.writer.tick(now) {
+            Ok(()) => self.settle()?,
+            Err(cause) => self.carry_on(&cause)?,
         }
-        if self.writer.flushed() != before && !self.storage.holds(self.number) {
-            // The operating system goes on writing into a file that nobody can ever open again.
-            let cause = "the file is gone".to_owned();
-            let (log, bytes) = (self.storage.name(self.number), self.writer.bytes());
-            self.carry_on(LogError::Write { log, bytes, cause })?;
-        }
-        self.forget_flushed();
         self.opened.get_or_insert(now);
         self.rotate_if_due(Some(now))
     }
@@ -364,11 +245,11 @@ impl RunLog {
     /// # Errors
     /// As [`RunLog::write`].
     pub fn flush(&mut self) -> Result<(), LogError> {
-        if let Err(cause) = self.writer.flush() {
-            self.carry_on(cause)?;
+        self.check()?;
+        match self.writer.flush() {
+            Ok(()) => self.settle(),
+            Err(cause) => self.carry_on(&cause),
         }
-        self.forget_flushed();
-        Ok(())
     }
 
     /// Close the last file.
@@ -378,57 +259,77 @@ impl RunLog {
     /// its messages can be read.
     pub fn finish(mut self) -> Result<RunTotals, LogError> {
         self.flush()?;
-        let flushed = self.writer.flushed();
-        match self.writer.finish() {
-            Ok(file) => self.closed.push_back((self.number, file.bytes)),
-            Err(error) => {
-                self.totals.failures.push(error.to_string());
-                self.closed.push_back((self.number, flushed.bytes));
-            }
-        }
+        let (number, flushed) = (self.number, self.writer.flushed());
+        let finished = self.writer.finish();
+        let bytes = closed_bytes(self.storage.as_mut(), number, flushed.bytes, finished, &mut self.totals.failures);
+        self.closed.push_back((number, bytes));
         self.totals.files = self.closed.len() as u64;
         self.totals.bytes = self.closed.iter().map(|(_, bytes)| bytes).sum();
         self.totals.expected = self.expected.map(|(expected, _)| expected);
         Ok(self.totals)
     }
 
-    fn forget_flushed(&mut self) {
-        if self.writer.flushed().messages == self.writer.messages() {
-            self.unflushed.clear();
+    /// After writing: what was flushed need not be written again, if it is where it should be.
+    fn settle(&mut self) -> Result<(), LogError> {
+        let flushed = self.writer.flushed().messages;
+        // The operating system goes on writing into a file that nobody can ever open again.
+        if flushed > self.unflushed.first && !self.storage.holds(self.number) {
+            return self.carry_on(&self.gone());
         }
+        self.unflushed.forget(flushed);
+        Ok(())
     }
 
     fn rotate_if_due(&mut self, now: Option<Instant>) -> Result<(), LogError> {
-        let large = self.writer.flushed().bytes >= self.rotation.file_bytes;
+        let large = self.writer.flushed().bytes >= self.rotation.file_bytes.saturating_mul(self.patience.into());
         let age = now.zip(self.opened).map(|(now, opened)| now.saturating_duration_since(opened));
-        let old = age.zip(self.rotation.file_age).is_some_and(|(age, most)| age >= most);
+        let most = self.rotation.file_age.map(|most| most.saturating_mul(self.patience));
+        let old = age.zip(most).is_some_and(|(age, most)| age >= most);
         // Every file holds something: a silent log is not split.
         if !(large || old) || self.writer.messages() == 0 {
             return self.stay_within_budget();
         }
+        let number = self.number;
         self.flush()?;
-        let next = match open(self.storage.as_mut(), self.number + 1, &self.options, &self.metadata) {
+        if self.number != number {
+            // It failed just now, and the next one was begun for that.
+            return self.stay_within_budget();
+        }
+        let next = match self.open_next() {
             Ok(next) => next,
             Err(error) => {
-                // The present file can still be written: better a large one than none. Tried again when it has doubled.
+                // The present file can still be written: better a large one than none.
                 self.totals.failures.push(format!("{error}; {} goes on", self.storage.name(self.number)));
-                self.rotation.file_bytes = self.rotation.file_bytes.saturating_mul(2);
-                self.rotation.file_age = self.rotation.file_age.map(|age| 2 * age);
+                self.patience = self.patience.saturating_mul(2);
                 return Ok(());
             }
         };
         let flushed = self.writer.flushed();
         let last = std::mem::replace(&mut self.writer, next);
-        let bytes = match last.finish() {
-            Ok(file) => file.bytes,
-            Err(error) => {
-                self.totals.failures.push(error.to_string());
-                flushed.bytes
-            }
-        };
-        self.closed.push_back((self.number, bytes));
-        (self.number, self.opened) = (self.number + 1, now);
+        let failures = &mut self.totals.failures;
+        let bytes = closed_bytes(self.storage.as_mut(), number, flushed.bytes, last.finish(), failures);
+        self.closed.push_back((number, bytes));
+        (self.opened, self.patience) = (now, 1);
         self.stay_within_budget()
+    }
+
+    /// Begin the next file; it becomes the present one, but for its writer.
+    fn open_next(&mut self) -> Result<LogWriter<Box<dyn Write + Send>>, LogError> {
+        let number = self.next;
+        match open(self.storage.as_mut(), number, &self.options, &self.metadata) {
+            Ok(writer) => {
+                (self.number, self.next) = (number, number.saturating_add(1));
+                self.unflushed.first = 0;
+                Ok(writer)
+            }
+            Err(error) => {
+                // Whatever is there by this name is not touched.
+                if self.storage.holds(number) {
+                    self.next = number.saturating_add(1);
+                }
+                Err(error)
+            }
+        }
     }
 
     /// Delete this run's oldest files until the rest is within the budget, and say so in the log.
@@ -457,54 +358,29 @@ impl RunLog {
         Ok(())
     }
 
-    /// After a failure of the present file: a new one, with everything that was not in the old one yet.
-    fn carry_on(&mut self, mut cause: LogError) -> Result<(), LogError> {
-        loop {
-            let flushed = self.writer.flushed();
-            // Behind the last flush stands a part of a chunk, which no reader can use.
-            let _ = self.storage.cut(self.number, flushed.bytes);
-            self.totals.failures.push(cause.to_string());
-            self.closed.push_back((self.number, flushed.bytes));
-            if flushed.messages == 0 {
-                // Not even one chunk: another file would fare no better.
-                return Err(cause);
-            }
-            let failed = self.storage.name(self.number);
-            match open(self.storage.as_mut(), self.number + 1, &self.options, &self.metadata) {
-                Ok(next) => self.writer = next,
-                Err(second) => {
-                    let (log, bytes) = (failed, flushed.bytes);
-                    let cause = format!("{cause}; {second}");
-                    return Err(LogError::Write { log, bytes, cause });
-                }
-            }
-            (self.number, self.opened) = (self.number + 1, None);
-            match self.write_again(format!("{failed} could not be written any further, this file goes on: {cause}")) {
-                Ok(()) => return Ok(()),
-                Err(next) => cause = next,
-            }
-        }
-    }
-
-    fn write_again(&mut self, why: String) -> Result<(), LogError> {
-        let mut from = 0;
-        for &(topic, sequence, stamp_ns, length) in &self.unflushed.messages {
-            self.writer.write_encoded(topic, sequence, stamp_ns, &self.unflushed.bodies[from..from + length])?;
-            from += length;
-        }
-        self.writer.write(topics::DIAGNOSTICS, 0, self.stamp_ns, &warning(self.stamp_ns, why))?;
-        self.writer.flush()
-    }
-
     /// A diagnostic of the log itself.
     fn say(&mut self, text: String) -> Result<(), LogError> {
         let body = cdr::encode(&warning(self.stamp_ns, text))?;
-        let topic = topics::DIAGNOSTICS.name();
-        self.unflushed.push(topic, 0, self.stamp_ns, &body);
-        self.totals.messages += 1;
-        match self.writer.write_encoded(topic, 0, self.stamp_ns, &body) {
-            Err(cause) => self.carry_on(cause),
-            Ok(()) => Ok(()),
+        self.put(topics::DIAGNOSTICS.name(), 0, self.stamp_ns, &body)
+    }
+}
+
+/// Bytes of a file that was finished. Where its index could not be written, it is cut to its messages.
+fn closed_bytes(
+    storage: &mut dyn Storage,
+    number: u32,
+    flushed: u64,
+    finished: Result<FileTotals, LogError>,
+    failures: &mut Vec<String>,
+) -> u64 {
+    match finished {
+        Ok(file) => file.bytes,
+        Err(error) => {
+            failures.push(format!("{error}; its index is missing"));
+            if let Err(cause) = storage.cut(number, flushed) {
+                failures.push(format!("{} cannot be cut to {flushed} bytes: {cause}", storage.name(number)));
+            }
+            flushed
         }
     }
 }
@@ -524,7 +400,10 @@ fn open(
     let mut metadata = metadata.clone();
     metadata.insert("file".to_owned(), number.to_string());
     match storage.create(number) {
-        Ok(sink) => LogWriter::with_sink(sink, &log, options, &metadata),
+        // A file that holds not even its definitions would only be in the way of the next try.
+        Ok(sink) => LogWriter::with_sink(sink, &log, options, &metadata).inspect_err(|_| {
+            let _ = storage.remove(number);
+        }),
         Err(cause) => Err(LogError::Create { log, cause }),
     }
 }
