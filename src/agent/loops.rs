@@ -141,7 +141,11 @@ impl Perceiving<'_> {
                     if let Some(frame) = last_number {
                         let _ = record.end(frame, status.snapshot().stamp_ns);
                     }
-                    let last = perceive.finish()?;
+                    let last = match perceive.finish() {
+                        // It was stopped before there was enough to learn from: there is no model, and that is no failure.
+                        Err(_) if !perceive.has_all_frames() => perceive::Learning::default(),
+                        last => last?,
+                    };
                     // Whoever is gone by now has failed, and that is reported.
                     let _ = self.deliver(last, &mut done);
                     return Ok(done);

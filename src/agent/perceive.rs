@@ -352,6 +352,12 @@ impl Perceive {
         Ok(())
     }
 
+    /// Whether the frames of all actions of the scenario have been seen.
+    pub fn has_all_frames(&self) -> bool {
+        let end = self.scenario.actions * self.scenario.robot.frames_per_action;
+        self.last_number.is_some_and(|last| last >= end as u64)
+    }
+
     /// Frames seen, and the last one.
     pub fn progress(&self) -> (u64, Option<u64>) {
         (self.frames, self.last_number)

@@ -122,6 +122,8 @@ fn logs(run: &Path, json: bool) -> Ending {
         Err(ending) => return ending,
     };
     let mut checked: Vec<Checked> = Vec::new();
+    // Files since the last observation that were not closed: a run may be killed and resumed several times without one.
+    let mut unclosed: Vec<usize> = Vec::new();
     let mut last = None;
     for file in files {
         let summary = match summarise(&file) {
@@ -136,13 +138,15 @@ fn logs(run: &Path, json: bool) -> Ending {
                 Some(0 | 0x8000_0000..) => this.out_of_order += 1,
                 Some(ahead) => this.missing_before = u64::from(ahead) - 1,
             }
-            if let Some(before) = checked.last_mut().filter(|before| !before.complete) {
-                before.continued = this.missing_before == 0 && this.out_of_order == 0;
-            }
+            let continued = this.missing_before == 0 && this.out_of_order == 0;
+            unclosed.drain(..).for_each(|file| checked[file].continued = continued);
             last = Some(end);
-        } else if let Some(before) = checked.last_mut().filter(|before| !before.complete) {
+        } else if this.complete {
             // Nothing was left to record but the end of the run.
-            before.continued = this.complete;
+            unclosed.drain(..).for_each(|file| checked[file].continued = true);
+        }
+        if !this.complete {
+            unclosed.push(checked.len());
         }
         checked.push(this);
     }

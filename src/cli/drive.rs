@@ -2,6 +2,8 @@
 
 use std::cell::Cell;
 use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::Write;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -124,10 +126,15 @@ pub fn ending(result: Result<Report, String>, run: &Path, json: bool) -> Ending 
     }
 }
 
-/// Write a file of a run folder.
+/// Write a file of a run folder: aside, then renamed, so that it is whole or not there. A report says that a run is done.
 pub fn write(run: &Path, name: &str, bytes: &[u8]) -> Result<(), String> {
-    let path = run.join(name);
-    std::fs::write(&path, bytes).map_err(|cause| format!("cannot write {}: {cause}", path.display()))
+    let (path, aside) = (run.join(name), run.join(format!("{name}.part")));
+    let written = File::create(&aside).and_then(|mut file| {
+        file.write_all(bytes)?;
+        file.sync_all()
+    });
+    let renamed = written.and_then(|()| std::fs::rename(&aside, &path));
+    renamed.map_err(|cause| format!("cannot write {}: {cause}", path.display()))
 }
 
 /// How a scenario wants its log written.

@@ -24,13 +24,22 @@ pub enum RecordingError {
         cause: std::io::Error,
     },
     /// There is nothing in it.
-    #[error("{0} holds no log file run_NNN.mcap: it is not a run folder")]
+    #[error(
+        "{0} holds no log file run_NNN.mcap: it is not a run folder, or the run was ended before it had begun; begin a run with \
+         `adagio run SCENARIO`"
+    )]
     Empty(PathBuf),
     /// The log does not say what was run.
-    #[error("{0} does not say which scenario was run: its metadata is missing, or another program wrote it")]
+    #[error(
+        "{0} does not say which scenario was run: the run was ended before it had begun, its metadata is damaged, or another \
+         program wrote it; a run is begun again with `adagio run SCENARIO`"
+    )]
     NoScenario(PathBuf),
     /// The log has no frames that could be repeated.
-    #[error("{path} holds no frames: {found} messages on {topic}")]
+    #[error(
+        "{path} holds no frames ({found} messages on {topic}), so there is nothing to repeat or to go on from: begin again \
+         with `adagio run SCENARIO`, where the folder of a run keeps its scenario.toml"
+    )]
     NoFrames {
         /// The run.
         path: PathBuf,
