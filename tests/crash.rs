@@ -19,7 +19,7 @@ use serde_json::Value;
 
 use adagio::agent::{CHECKPOINT_NAME, read_checkpoint};
 use adagio::log::{Ending, FilesReader, LogError, Record, log_files, topics};
-use common::{adagio, generator, package_file, report, stderr, stdout};
+use common::{CHUNK, adagio, generator, package_file, records_of, report, stderr, stdout};
 
 /// The smoke scenario in a fifth of a second: everything runs, and the log has several files and many chunks.
 const SHORT: [&str; 17] = [
@@ -352,17 +352,9 @@ fn a_run_that_was_interrupted_ends_cleanly_and_goes_on() {
 
 /// Where the chunks of a log begin, and where the last one ends.
 fn chunk_boundaries(bytes: &[u8]) -> Vec<usize> {
-    let (mut at, mut found, mut end) = (8, Vec::new(), 0);
-    while at + 9 <= bytes.len() {
-        let length = u64::from_le_bytes(bytes[at + 1..at + 9].try_into().unwrap()) as usize;
-        if bytes[at] == 0x06 {
-            found.push(at);
-            end = at + 9 + length;
-        }
-        at += 9 + length;
-    }
-    found.push(end);
-    found
+    let chunks: Vec<_> = records_of(bytes).into_iter().filter(|(_, kind, _)| *kind == CHUNK).collect();
+    let end = chunks.last().map(|(at, _, length)| at + 9 + length);
+    chunks.iter().map(|(at, ..)| *at).chain(end).collect()
 }
 
 /// A copy of a run as a kill would have left it: its log ends in file `number` after `length` bytes.

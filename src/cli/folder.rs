@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use super::Ending;
 use crate::agent::{CHECKPOINT_NAME, read_checkpoint};
 use crate::log::run::log_number;
-use crate::log::{LogReader, Record};
+use crate::log::{FilesReader, Record};
 use crate::policy::Learned;
 use crate::scenario::Scenario;
 
@@ -84,11 +84,12 @@ pub fn learned(run: &Path) -> Result<(Learned, Scenario), Ending> {
 fn newest_attachment(run: &Path) -> Result<(Vec<u8>, PathBuf), Ending> {
     for path in logs(run)?.into_iter().rev() {
         let mut newest = None;
-        for record in LogReader::open(&path).map_err(Ending::failed)? {
+        // Also behind damage.
+        for record in FilesReader::new(vec![path.clone()]).with_attachments() {
             match record {
                 Ok(Record::Attachment { name, data, .. }) if name == CHECKPOINT_NAME => newest = Some(data),
                 Ok(_) => {}
-                Err(error) => eprintln!("{}: {error}", path.display()),
+                Err(error) => eprintln!("warning: {error}"),
             }
         }
         if let Some(bytes) = newest {

@@ -42,7 +42,8 @@ pub fn recover(args: &RecoverArgs) -> Ending {
         attachments: found.attachments,
         lost_records: found.lost,
         losses: found.losses,
-        missing_observations: summary.missing,
+        // Frames that the source dropped were never recorded.
+        missing_observations: summary.missing.saturating_sub(summary.dropped),
         closed: found.ending == LogEnding::Complete,
     };
     let mut text = String::new();

@@ -36,7 +36,7 @@ pub use expected::{Difference, Expected};
 pub use files::FilesReader;
 pub use messages::Message;
 pub use reader::{Channel, Ending, LogReader, Record};
-pub use recover::{Recovered, recover};
+pub use recover::{Recovered, recover, recover_into};
 pub use run::{Folder, Rotation, RunLog, RunTotals, Storage, log_files};
 pub use summary::{LogSummary, summarise};
 pub use topics::Topic;

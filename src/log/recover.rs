@@ -2,15 +2,16 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::BufWriter;
+use std::io::{BufWriter, Read, Seek, Write};
 use std::path::Path;
+use std::sync::Arc;
 
 use mcap::records::{MessageHeader, Metadata};
 use mcap::write::NoSeek;
 use mcap::{Attachment, McapError, WriteOptions};
 
 use super::writer::with_sources;
-use super::{Ending, LogError, LogReader, Record};
+use super::{Channel, Ending, LogError, LogReader, Record};
 
 /// What a recovery found.
 #[derive(Debug, Clone, PartialEq)]
@@ -39,10 +40,22 @@ const CHUNK_BYTES: u64 = 1 << 20;
 /// # Errors
 /// The old file cannot be opened or read, the new one exists or cannot be written.
 pub fn recover(from: &Path, to: &Path) -> Result<Recovered, LogError> {
-    let mut reader = LogReader::open(from)?;
+    let reader = LogReader::open(from)?;
     let log = to.display().to_string();
     let file = File::create_new(to).map_err(|cause| LogError::Create { log: log.clone(), cause })?;
-    let mut copy = Copy { log, writer: None, sink: Some(file), channels: BTreeMap::new() };
+    recover_into(reader, file, &log)
+}
+
+/// As [`recover`], from a reader that has not begun into any sink; `log` names the sink in errors.
+///
+/// # Errors
+/// The old log cannot be read, or the new one cannot be written.
+pub fn recover_into<R: Read + Seek, W: Write>(
+    mut reader: LogReader<R>,
+    sink: W,
+    log: &str,
+) -> Result<Recovered, LogError> {
+    let mut copy = Copy { log: log.to_owned(), writer: None, sink: Some(sink), channels: BTreeMap::new() };
     let mut found =
         Recovered { messages: BTreeMap::new(), attachments: 0, losses: Vec::new(), lost: 0, ending: Ending::NoFooter };
     loop {
@@ -67,18 +80,19 @@ pub fn recover(from: &Path, to: &Path) -> Result<Recovered, LogError> {
     Ok(found)
 }
 
-type Writer = mcap::Writer<NoSeek<BufWriter<File>>>;
+type Writer<W> = mcap::Writer<NoSeek<BufWriter<W>>>;
 
-struct Copy {
+struct Copy<W: Write> {
     log: String,
-    writer: Option<Writer>,
+    writer: Option<Writer<W>>,
     /// The new file, until the old one's profile is known.
-    sink: Option<File>,
-    channels: BTreeMap<u16, u16>,
+    sink: Option<W>,
+    /// Channels by their old number, and by topic and type: a damaged definition may use a number again.
+    channels: BTreeMap<(u16, Arc<str>, Arc<str>), u16>,
 }
 
-impl Copy {
-    fn writer(&mut self, reader: &LogReader) -> Result<&mut Writer, LogError> {
+impl<W: Write> Copy<W> {
+    fn writer<R: Read>(&mut self, reader: &LogReader<R>) -> Result<&mut Writer<W>, LogError> {
         if let Some(file) = self.sink.take() {
             let writer = WriteOptions::new()
                 .profile(reader.profile().unwrap_or("ros2"))
@@ -97,23 +111,33 @@ impl Copy {
         })
     }
 
-    fn record(&mut self, reader: &LogReader, record: &Record, found: &mut Recovered) -> Result<(), LogError> {
+    fn record<R: Read>(
+        &mut self,
+        reader: &LogReader<R>,
+        record: &Record,
+        found: &mut Recovered,
+    ) -> Result<(), LogError> {
         let log = self.log.clone();
         let failed = |cause: McapError| failed(&log, &cause);
         match record {
-            Record::Message { topic, channel, sequence, log_time_ns, publish_time_ns, data, .. } => {
-                let channel_id = match self.channels.get(channel) {
+            Record::Message { topic, schema, channel, sequence, log_time_ns, publish_time_ns, data, .. } => {
+                let key = (*channel, topic.clone(), schema.clone());
+                let channel_id = match self.channels.get(&key) {
                     Some(&id) => id,
                     None => {
                         let Some(defined) = reader.channel(*channel) else { return Ok(()) };
                         let writer = self.writer(reader)?;
-                        let schema = writer
-                            .add_schema(defined.schema, defined.schema_encoding, defined.definition)
-                            .map_err(failed)?;
+                        let schema = match defined {
+                            // A channel without a schema.
+                            Channel { schema: "", definition: [], .. } => 0,
+                            _ => writer
+                                .add_schema(defined.schema, defined.schema_encoding, defined.definition)
+                                .map_err(failed)?,
+                        };
                         let id = writer
                             .add_channel(schema, defined.topic, defined.encoding, defined.metadata)
                             .map_err(failed)?;
-                        self.channels.insert(*channel, id);
+                        self.channels.insert(key, id);
                         id
                     }
                 };
@@ -126,10 +150,10 @@ impl Copy {
                 let metadata = Metadata { name: name.clone(), metadata: map.clone() };
                 self.writer(reader)?.write_metadata(&metadata).map_err(failed)?;
             }
-            Record::Attachment { name, media_type, log_time_ns, data } => {
+            Record::Attachment { name, media_type, log_time_ns, create_time_ns, data } => {
                 let attachment = Attachment {
                     log_time: *log_time_ns,
-                    create_time: *log_time_ns,
+                    create_time: *create_time_ns,
                     name: name.clone(),
                     media_type: media_type.clone(),
                     data: data.into(),
@@ -141,7 +165,7 @@ impl Copy {
         Ok(())
     }
 
-    fn finish(mut self, reader: &LogReader) -> Result<(), LogError> {
+    fn finish<R: Read>(mut self, reader: &LogReader<R>) -> Result<(), LogError> {
         let log = self.log.clone();
         self.writer(reader)?.finish().map_err(|cause| failed(&log, &cause))?;
         Ok(())

@@ -46,7 +46,9 @@ impl Plan {
         let (low, high) = points.fold((start, start), |(low, high), p| (low.inf(p), high.sup(p)));
         let margin = Vector2::repeat(2.0 * Self::CELL);
         let (low, high) = (low - margin, high + margin);
-        let size = [0, 1].map(|axis| ((high[axis] - low[axis]) / Self::CELL).ceil() as usize + 1);
+        let size = [0, 1]
+            .map(|axis| ((high[axis] - low[axis]) / Self::CELL).ceil() as usize)
+            .map(|cells| cells.saturating_add(1));
         if size[0].saturating_mul(size[1]) > MOST_CELLS {
             return Err(PlanFault::TooLarge(high.x - low.x, high.y - low.y));
         }

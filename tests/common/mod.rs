@@ -150,3 +150,17 @@ pub fn read_with_python(path: &Path) -> Option<Value> {
     eprintln!("NOT CHECKED with other readers: {missing}");
     None
 }
+
+/// The records of a log as they lie in it: place, kind, length of the body.
+pub fn records_of(log: &[u8]) -> Vec<(usize, u8, usize)> {
+    let (mut at, mut found) = (8, Vec::new());
+    while at + 9 <= log.len() {
+        let length = u64::from_le_bytes(log[at + 1..at + 9].try_into().unwrap()) as usize;
+        found.push((at, log[at], length));
+        at += 9 + length;
+    }
+    found
+}
+
+/// The kind of a chunk's record.
+pub const CHUNK: u8 = 0x06;

@@ -17,6 +17,8 @@ use crate::log::writer::with_sources;
 #[derive(Default)]
 pub(super) struct Definitions {
     schemas: BTreeMap<u16, Schema>,
+    /// The schema of channels without one, whose number is 0.
+    none: Schema,
     channels: BTreeMap<u16, Defined>,
     /// What the file says of itself: its profile.
     profile: Option<String>,
@@ -24,6 +26,7 @@ pub(super) struct Definitions {
     missing: BTreeSet<u16>,
 }
 
+#[derive(Default)]
 struct Schema {
     name: Arc<str>,
     encoding: String,
@@ -43,10 +46,14 @@ impl Definitions {
         self.profile.as_deref()
     }
 
+    fn schema(&self, id: u16) -> Option<&Schema> {
+        if id == 0 { Some(&self.none) } else { self.schemas.get(&id) }
+    }
+
     /// A channel, as the file defines it.
     pub(super) fn channel(&self, id: u16) -> Option<Channel<'_>> {
         let channel = self.channels.get(&id)?;
-        let schema = self.schemas.get(&channel.schema)?;
+        let schema = self.schema(channel.schema)?;
         Some(Channel {
             topic: &channel.topic,
             encoding: &channel.encoding,
@@ -90,6 +97,7 @@ impl Definitions {
                 name: header.name,
                 media_type: header.media_type,
                 log_time_ns: header.log_time,
+                create_time_ns: header.create_time,
                 data: data.into_owned(),
             })),
             _ => Ok(None),
@@ -99,7 +107,7 @@ impl Definitions {
     fn message(&mut self, header: records::MessageHeader, data: Vec<u8>) -> Result<Option<Record>, String> {
         let id = header.channel_id;
         let definition = self.channels.get(&id).and_then(|channel| {
-            let schema = self.schemas.get(&channel.schema)?;
+            let schema = self.schema(channel.schema)?;
             Some((Arc::clone(&channel.topic), Arc::clone(&schema.name)))
         });
         match definition {

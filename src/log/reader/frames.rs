@@ -31,13 +31,15 @@ pub(super) struct Frames<R> {
     offset: u64,
     next_offset: u64,
     record: Vec<u8>,
+    /// Where a record starts that did not add up: its length may be wrong, and with it all that seemed to follow.
+    doubtful: Option<u64>,
     /// Attachments are stepped over and not loaded.
     pub(super) skip_attachments: bool,
 }
 
 impl<R: Read> Frames<R> {
     pub(super) fn new(source: R) -> Self {
-        Self { source, offset: 0, next_offset: 0, record: Vec::new(), skip_attachments: false }
+        Self { source, offset: 0, next_offset: 0, record: Vec::new(), doubtful: None, skip_attachments: false }
     }
 
     /// Where the current record starts, bytes from the start of the file.
@@ -48,6 +50,16 @@ impl<R: Read> Frames<R> {
     /// The current record with its head.
     pub(super) fn record(&self) -> &[u8] {
         &self.record
+    }
+
+    /// The current record does not add up.
+    pub(super) fn doubt(&mut self) {
+        self.doubtful.get_or_insert(self.offset);
+    }
+
+    /// The current record adds up, and so the ones before it ended where they said.
+    pub(super) fn trust(&mut self) {
+        self.doubtful = None;
     }
 
     /// Kind and body of the current record.
@@ -93,6 +105,10 @@ impl<R: Read> Frames<R> {
                 // Neither is ever written: whatever stands here is no record.
                 0 | 0x10..=0x7f => {
                     return Ok(Next::Lost(format!("{kind:#04x} is no kind of record")));
+                }
+                // Kinds of other programs' own: rather a wrong length before.
+                0x80.. if self.doubtful.is_some() => {
+                    return Ok(Next::Lost(format!("a record of kind {kind:#04x} follows one that does not add up")));
                 }
                 op::ATTACHMENT => MAX_ATTACHMENT_BYTES,
                 _ => MAX_RECORD_BYTES,
@@ -147,13 +163,49 @@ impl<R: Read> Frames<R> {
     }
 }
 
+/// Bytes of a footer's record and of what follows it.
+const TAIL: u64 = HEAD as u64 + 20 + MAGIC.len() as u64;
+
+/// Bytes of a summary that are looked at. Definitions come first in it, the index of chunks last.
+const MOST_SUMMARY: u64 = 1 << 20;
+
 /// Bytes that are looked through at a time.
 const LOOK_THROUGH: usize = 1 << 16;
 
+/// The records that lie in some bytes, as far as they are whole: kind and body.
+pub(super) fn records_in(mut bytes: &[u8]) -> impl Iterator<Item = (u8, &[u8])> {
+    std::iter::from_fn(move || {
+        let (&[kind, ref length @ ..], rest) = bytes.split_first_chunk::<HEAD>()?;
+        let length = usize::try_from(u64::from_le_bytes(*length)).ok()?;
+        let (body, rest) = rest.split_at_checked(length)?;
+        bytes = rest;
+        Some((kind, body))
+    })
+}
+
 impl<R: Read + Seek> Frames<R> {
-    /// Look for a chunk behind the start of the current record, and step to it. Whether there is one.
+    /// The summary at the end of a closed file, or its beginning; empty if there is none. The next record is the first again.
+    pub(super) fn summary(&mut self) -> io::Result<Vec<u8>> {
+        let Ok(size) = self.source.seek(SeekFrom::End(0)) else { return Ok(Vec::new()) };
+        let mut summary = Vec::new();
+        if let Some(tail_at) = size.checked_sub(TAIL) {
+            self.source.seek(SeekFrom::Start(tail_at))?;
+            let mut tail = Vec::new();
+            self.source.by_ref().take(TAIL).read_to_end(&mut tail)?;
+            let start = tail.get(HEAD..HEAD + 8).and_then(|bytes| bytes.try_into().ok()).map_or(0, u64::from_le_bytes);
+            if tail.first() == Some(&op::FOOTER) && tail.ends_with(MAGIC) && (1..tail_at).contains(&start) {
+                self.source.seek(SeekFrom::Start(start))?;
+                self.source.by_ref().take(MOST_SUMMARY.min(tail_at - start)).read_to_end(&mut summary)?;
+            }
+        }
+        self.source.seek(SeekFrom::Start(0))?;
+        Ok(summary)
+    }
+
+    /// Look for a chunk behind the start of the current record, or of the doubtful one that led to it, and step to it. Whether
+    /// there is one.
     pub(super) fn find_chunk(&mut self) -> io::Result<bool> {
-        let mut start = self.offset + 1;
+        let mut start = self.doubtful.take().unwrap_or(self.offset) + 1;
         let size = self.source.seek(SeekFrom::End(0))?;
         self.source.seek(SeekFrom::Start(start))?;
         let mut window = Vec::new();

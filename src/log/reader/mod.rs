@@ -22,7 +22,7 @@ use mcap::records::op;
 use self::{
     chunk::Chunk,
     definitions::Definitions,
-    frames::{Frames, Next},
+    frames::{Frames, Next, records_in},
 };
 use super::{LogError, Message, cdr};
 
@@ -61,6 +61,8 @@ pub enum Record {
         media_type: String,
         /// When it was logged, nanoseconds.
         log_time_ns: u64,
+        /// When it was made, nanoseconds.
+        create_time_ns: u64,
         /// Its content.
         data: Vec<u8>,
     },
@@ -75,7 +77,7 @@ pub struct Channel<'a> {
     pub encoding: &'a str,
     /// Texts about it.
     pub metadata: &'a BTreeMap<String, String>,
-    /// The type of its messages.
+    /// The type of its messages; empty if the channel has no schema.
     pub schema: &'a str,
     /// The language of the definition, for example `ros2msg`.
     pub schema_encoding: &'a str,
@@ -143,7 +145,7 @@ impl LogReader {
     pub fn open(path: &Path) -> Result<Self, LogError> {
         let log = path.display().to_string();
         match File::open(path) {
-            Ok(file) => Ok(Self::new(BufReader::with_capacity(1 << 16, file), &log)),
+            Ok(file) => Self::new(BufReader::with_capacity(1 << 16, file), &log).with_summary(),
             Err(cause) => Err(LogError::Open { log, cause }),
         }
     }
@@ -218,6 +220,21 @@ impl<R: Read> LogReader<R> {
 }
 
 impl<R: Read + Seek> LogReader<R> {
+    /// Before the first record: read definitions from the summary of a closed file, too. Where their own chunk is damaged,
+    /// the messages can be read all the same.
+    ///
+    /// # Errors
+    /// [`LogError::Read`].
+    pub fn with_summary(mut self) -> Result<Self, LogError> {
+        let summary = self.frames.summary();
+        let summary = summary.map_err(|cause| LogError::Read { log: self.log.clone(), offset: 0, cause })?;
+        for (kind, body) in records_in(&summary).filter(|(kind, _)| [op::SCHEMA, op::CHANNEL].contains(kind)) {
+            // Not needed unless the definition itself is missing, which is complained of then.
+            let _ = self.definitions.take(kind, body);
+        }
+        Ok(self)
+    }
+
     /// After the iterator has ended where the file could not be followed further: look for the next chunk behind that place and
     /// go on there, with what was defined before. Whether one was found; the damage stays the log's ending.
     ///
@@ -278,9 +295,16 @@ impl<R: Read> Iterator for LogReader<R> {
                 self.definitions.take(kind, body)
             };
             match taken {
-                Ok(Some(record)) => return Some(Ok(record)),
+                Ok(Some(record)) => {
+                    self.frames.trust();
+                    return Some(Ok(record));
+                }
+                Ok(None) if self.in_chunk => self.frames.trust(),
                 Ok(None) => {}
-                Err(cause) => return Some(Err(self.damaged(cause))),
+                Err(cause) => {
+                    self.frames.doubt();
+                    return Some(Err(self.damaged(cause)));
+                }
             }
         }
         None
