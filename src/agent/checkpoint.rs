@@ -123,6 +123,10 @@ pub fn read_checkpoint(bytes: &[u8], path: &Path) -> Result<(Learned, Scenario),
     let tensors = SafeTensors::deserialize(bytes).map_err(damaged)?;
     let read = |name: &str| -> Result<(Vec<usize>, Vec<f64>), CheckpointError> {
         let view = tensors.tensor(name).map_err(|e| damaged(format!("{name}: {e}")))?;
+        // Any number of rows of no columns takes no bytes.
+        if view.shape().contains(&0) {
+            return Err(damaged(format!("{name} has shape {:?} and holds nothing", view.shape())));
+        }
         let data = view.data();
         let values = match view.dtype() {
             Dtype::F32 => {

@@ -1,0 +1,7 @@
+#![no_main]
+
+#[allow(dead_code)] // one of several
+#[path = "../../tests/mutations/targets.rs"]
+mod targets;
+
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| targets::checkpoint(bytes));
