@@ -8,10 +8,12 @@ mod checks;
 mod keys;
 mod plan;
 mod sections;
+mod topics;
 
 pub use keys::Fault;
 pub use plan::{Plan, PlanFault, segments_of as plan_segments};
 pub use sections::*;
+pub use topics::{Stamps, TopicChoice, Topics};
 
 use std::path::{Path, PathBuf};
 

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use super::Topics;
 use super::keys::{Range, Reader, Section};
 use crate::dictionary::WhenFull;
 use crate::log::{Compression, MAX_CHUNK_TARGET_BYTES};
@@ -37,6 +38,8 @@ pub struct Scenario {
     pub evaluate: Evaluate,
     /// `[log]`
     pub log: Log,
+    /// `[topics]`
+    pub topics: Topics,
     /// `[[task]]`, at least one.
     pub tasks: Vec<Task>,
     /// The complete file, every default filled in.
@@ -177,7 +180,7 @@ pub struct Camera {
 /// `[vision]`
 #[derive(Debug, Clone, PartialEq)]
 pub struct Vision {
-    /// Upper image lines that are cut away, pixels.
+    /// Upper image lines that are cut away, pixels; of an image that is not as high as the camera's, as large a share.
     pub cut_rows: usize,
     /// Width of an observation, pixels.
     pub width: usize,
@@ -416,6 +419,7 @@ impl Scenario {
                 "agent",
                 "evaluate",
                 "log",
+                "topics",
                 "task",
             ]);
             (
@@ -450,6 +454,7 @@ impl Scenario {
             agent: reader.section("agent", "", Agent::read),
             evaluate: reader.section("evaluate", "", Evaluate::read),
             log: reader.section("log", "", Log::read),
+            topics: reader.section("topics", "what another program's log calls its things", Topics::read),
             tasks: reader.sections("task", "", Task::read),
             text: String::new(),
         }
@@ -604,7 +609,14 @@ impl Camera {
 
 impl Vision {
     fn read(s: &mut Section<'_, '_>) -> Self {
-        let cut_rows = s.count("cut_rows", 80, "px", 0, 4095, "upper lines that are cut away");
+        let cut_rows = s.count(
+            "cut_rows",
+            80,
+            "px",
+            0,
+            4095,
+            "upper lines that are cut away; of images that are not camera.height high, as large a share",
+        );
         let width = s.count("width", 32, "px", 1, 1024, "width of an observation");
         let height = s.count("height", 16, "px", 1, 1024, "height of an observation");
         let brightness = s.number(

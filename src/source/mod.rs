@@ -1,9 +1,11 @@
 //! Where frames come from.
 
 mod recorded;
+mod segments;
 mod simulated;
 
 pub use recorded::{Recorded, Resumed};
+pub use segments::{Cutter, Rule, Segment, Step};
 pub use simulated::Simulated;
 
 use nalgebra::Point2;
