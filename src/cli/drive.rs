@@ -32,6 +32,10 @@ pub struct Drive<'a> {
     pub recording: Option<&'a Course>,
     /// The run ends after this many actions.
     pub most_actions: Option<u64>,
+    /// About how many actions there will be, for the progress, where only a bound of them is known.
+    pub likely_actions: Option<u64>,
+    /// Whether what was learned is tried out in the simulated world, and drawn there.
+    pub evaluate: bool,
     pub origin: Origin,
     /// Whether the state of the run is put away now and then, so that it can go on from there.
     pub keep: bool,
@@ -47,21 +51,22 @@ impl Drive<'_> {
         let text = |error: &dyn std::fmt::Display| error.to_string();
         let (scenario, world) = (self.scenario, self.world);
         let starts = scenario.evaluate.starts;
-        let evaluator = Evaluator::new(scenario.clone(), world.clone(), starts, scenario.seed);
+        let evaluator =
+            self.evaluate.then(|| Evaluator::new(scenario.clone(), world.clone(), starts, scenario.seed));
         let (checkpoint, state) = (self.run.join(CHECKPOINT_NAME), self.run.join(STATE_NAME));
         let outcome = self.watched(|status| {
             let options = RunOptions {
                 stop: self.stop,
                 status,
                 checkpoint: Some(&checkpoint),
-                evaluator: Some(&evaluator),
+                evaluator: evaluator.as_ref(),
                 recording: self.recording,
                 most_actions: self.most_actions,
                 keep: self.keep.then(|| Keep { path: state.clone(), every: scenario.agent.keep_every() }),
                 state: self.state.take(),
                 curve: self.curve.clone(),
             };
-            agent::run(scenario, source, log, options)
+            agent::run(scenario, &mut *source, log, options)
         });
         let outcome: Outcome = outcome.map_err(|e| text(&e))?;
         if outcome.actions >= scenario.actions as u64 {
@@ -76,7 +81,7 @@ impl Drive<'_> {
             eprintln!("warning: the {files} oldest log files ({bytes:.1} MB) were deleted: log.budget_mb");
         }
         let (mut tasks, mut pose) = (Vec::new(), None);
-        if let Some(learned) = &outcome.learned {
+        if let (Some(learned), Some(evaluator)) = (&outcome.learned, &evaluator) {
             if !self.quiet {
                 eprintln!("evaluating {starts} starts per task, with and without reflexes");
             }
@@ -85,9 +90,12 @@ impl Drive<'_> {
                 .inspect_err(|error| eprintln!("warning: the pose cannot be decoded: {error}"))
                 .ok();
         }
-        let report = Report::new(scenario, &outcome, tasks, pose, self.origin.clone());
+        let report = Report::new(scenario, &outcome, tasks, pose, self.origin.clone(), source.imported());
         let json = serde_json::to_string_pretty(&report).map_err(|e| text(&e))?;
         write(self.run, "report.json", json.as_bytes())?;
+        if !self.evaluate {
+            return Ok(report);
+        }
         // The picture shows what is kept elsewhere already: a run does not fail for it.
         let logs = log_files(self.run).map_err(|e| text(&e))?.into_iter().map(|(_, path)| path).collect();
         let drawn = overview(scenario, world, outcome.learned.as_deref(), &report, logs).map_err(|e| text(&e));
@@ -99,7 +107,8 @@ impl Drive<'_> {
 
     /// Do something with its progress on stderr, unless that is not wanted.
     fn watched<R>(&self, work: impl FnOnce(&Status) -> R) -> R {
-        let actions = self.most_actions.unwrap_or(u64::MAX).min(self.scenario.actions as u64);
+        let most = self.most_actions.unwrap_or(u64::MAX).min(self.scenario.actions as u64);
+        let actions = self.likely_actions.unwrap_or(u64::MAX).min(most);
         watched(self.quiet, actions, work)
     }
 }

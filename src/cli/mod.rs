@@ -7,6 +7,7 @@ mod compare;
 mod drive;
 mod evaluate;
 mod folder;
+mod import;
 mod info;
 mod progress;
 mod recover;
@@ -68,7 +69,8 @@ pub enum Command {
     Info(InfoArgs),
     /// Try a run's policies from random starts.
     Evaluate(EvaluateArgs),
-    /// Learn from a run's recorded frames again, with the same or other settings; or verify that they give the same.
+    /// Learn from a run's recorded frames again, with the same or other settings; or verify that they give the same; or learn
+    /// from the log of another program.
     Replay(ReplayArgs),
     /// Go on with a run that was interrupted: nothing that it had recorded is lost.
     Resume(ResumeArgs),
@@ -147,13 +149,21 @@ pub struct EvaluateArgs {
 pub struct ReplayArgs {
     /// Run folder or .mcap file.
     pub run: PathBuf,
+    /// Learn from the log of another program, a ROS 2 bag, with this scenario: it says which topic is what ([topics]), where
+    /// walls and goals are, and what an action is.
+    #[arg(long, value_name = "FILE")]
+    pub scenario: Option<PathBuf>,
     /// Change a key of the scenario, such as slow.features=100 or task.0.goal=[1.0, 0.5]; repeatable. Keys of vision cannot be
-    /// changed: the log holds what vision made of the camera's images.
+    /// changed where the log is one of our own: it holds what vision made of the camera's images.
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<String>,
     /// Compare with the recording message by message and name the first difference; nothing is written.
-    #[arg(long, conflicts_with = "out")]
+    #[arg(long, conflicts_with_all = ["out", "scenario", "no_evaluate"])]
     pub verify: bool,
+    /// Do not try out what was learned in the scenario's simulated world, nor draw it there: for a log of a real room that the
+    /// scenario's walls do not look like.
+    #[arg(long)]
+    pub no_evaluate: bool,
     /// Folder for the new run, which must not exist yet [default: a new one under logs/].
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,

@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 use serde::Serialize;
 
 use super::drive::{self, Drive, log_options, metadata, watched};
-use super::{Ending, ReplayArgs, folder, print, print_json};
+use super::{Ending, ReplayArgs, folder, import, print, print_json};
 use crate::agent::{self, RunOptions};
 use crate::log::run::{Nowhere, Repeating};
 use crate::log::{Folder, RunLog};
@@ -19,6 +19,9 @@ use crate::world::World;
 
 /// Feed a run's recorded frames to the actors again: to learn from them with other settings, or to verify the recording.
 pub fn replay(args: &ReplayArgs, stop: &AtomicBool) -> Ending {
+    if let Some(file) = &args.scenario {
+        return import::import(args, file, stop);
+    }
     let recording = match Recording::open(&args.run) {
         Ok(recording) => recording,
         Err(error) => return Ending::failed(error),
@@ -84,6 +87,8 @@ fn again(
             quiet: args.quiet,
             recording: unchanged.then_some(&recording.course),
             most_actions: Some(recording.course.decisions()),
+            likely_actions: None,
+            evaluate: !args.no_evaluate,
             origin,
             keep: false,
             state: Cell::new(None),

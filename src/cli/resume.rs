@@ -109,6 +109,8 @@ fn go_on(
         quiet: args.quiet,
         recording: Some(&course),
         most_actions: None,
+        likely_actions: None,
+        evaluate: true,
         origin,
         keep: true,
         state: Cell::new(kept.map(|kept| kept.parts)),

@@ -86,19 +86,20 @@ fn in_folder(scenario: &Arc<Scenario>, run: &Path, args: &RunArgs, stop: &Atomic
     let log = log.map_err(|error| error.to_string())?;
     let world = Arc::new(World::new(scenario).map_err(|error| error.to_string())?);
     let mut source = Simulated::new(scenario.clone(), world.clone());
-    let (quiet, recording, most_actions) = (args.quiet, None, None);
-    Drive {
+    let drive = Drive {
         scenario,
         world: &world,
         run,
         stop,
-        quiet,
-        recording,
-        most_actions,
+        quiet: args.quiet,
+        recording: None,
+        most_actions: None,
+        likely_actions: None,
+        evaluate: true,
         origin,
         keep: true,
         state: Cell::new(None),
         curve: Vec::new(),
-    }
-    .go(&mut source, log)
+    };
+    drive.go(&mut source, log)
 }

@@ -31,8 +31,9 @@ pub enum RecordingError {
     Empty(PathBuf),
     /// The log does not say what was run.
     #[error(
-        "{0} does not say which scenario was run: the run was ended before it had begun, its metadata is damaged, or another \
-         program wrote it; a run is begun again with `adagio run SCENARIO`"
+        "{0} does not say which scenario was run: the run was ended before it had begun (begin it again with `adagio run \
+         SCENARIO`), its metadata is damaged, or another program wrote it (`adagio replay` learns from such a log with \
+         --scenario FILE)"
     )]
     NoScenario(PathBuf),
     /// The log has no frames that could be repeated.

@@ -12,6 +12,7 @@ use serde::Serialize;
 use crate::agent::{CurvePoint, Outcome, Timing, peak_resident_bytes};
 use crate::evaluate::{PoseDecode, TaskResult};
 use crate::scenario::Scenario;
+use crate::source::ImportReport;
 
 /// `report.json`. Keys stay once introduced; `None` is what a run could not know.
 #[derive(Debug, Clone, Serialize)]
@@ -40,6 +41,8 @@ pub struct Report {
     pub log: Log,
     /// Pursuits during the run.
     pub pursuits: Vec<Pursuits>,
+    /// What came of another program's log, if the frames are from one.
+    pub imported: Option<ImportReport>,
     /// A hash of dictionary, features and policy weights.
     pub digest: Option<String>,
 }
@@ -168,6 +171,7 @@ impl Report {
         tasks: Vec<TaskResult>,
         pose_decode: Option<PoseDecode>,
         origin: Origin,
+        imported: Option<ImportReport>,
     ) -> Self {
         let learned = outcome.learned.as_deref();
         Report {
@@ -213,6 +217,7 @@ impl Report {
                 .zip(&outcome.pursuits)
                 .map(|(task, tally)| Pursuits { task: task.name.clone(), reached: tally.reached, ended: tally.ended })
                 .collect(),
+            imported,
             digest: learned.map(|learned| learned.digest()),
         }
     }

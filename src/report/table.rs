@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 
 use super::Report;
 use crate::evaluate::{PoseDecode, TaskResult};
+use crate::source::ImportReport;
 
 /// A whole number in groups of three digits.
 pub struct Numbered(pub u64);
@@ -36,6 +37,9 @@ pub fn table(report: &Report) -> String {
         run.seconds,
         run.frames_per_second
     );
+    if let Some(imported) = &report.imported {
+        text.push_str(&imported_lines(imported));
+    }
     match (&report.dictionary, &report.model) {
         (Some(dictionary), Some(model)) => {
             let _ = writeln!(
@@ -92,6 +96,33 @@ pub fn table(report: &Report) -> String {
     );
     if let Some(digest) = &report.digest {
         let _ = writeln!(text, "digest {digest}");
+    }
+    text
+}
+
+/// What came of another program's log: what was found, and what was left out.
+fn imported_lines(imported: &ImportReport) -> String {
+    let [forward, left, right] = imported.actions.map(Numbered);
+    let mut text = format!(
+        "of {} images {} frames; cut into {forward} × forward ({} blocked), {left} × left, {right} × right\n",
+        Numbered(imported.images),
+        Numbered(imported.frames),
+        Numbered(imported.blocked),
+    );
+    for (count, what) in [
+        (imported.without_action, "images left out: the robot did nothing then that is an action"),
+        (imported.gaps, "breaks between images"),
+        (imported.without_pose, "images left out: no pose before and after them"),
+        (imported.out_of_order, "images left out: not later than the one before"),
+        (imported.unusable_images, "images left out: they could not be read"),
+        (imported.damaged, "other messages or records could not be read"),
+    ] {
+        if count > 0 {
+            let _ = writeln!(text, "  {} {what}", Numbered(count));
+        }
+    }
+    if let Some(reason) = &imported.first_unusable {
+        let _ = writeln!(text, "  the first image that could not be read: {reason}");
     }
     text
 }

@@ -1,9 +1,11 @@
 //! Where frames come from.
 
+pub mod imported;
 mod recorded;
 mod segments;
 mod simulated;
 
+pub use imported::{ImportReport, Imported};
 pub use recorded::{Recorded, Resumed};
 pub use segments::{Cutter, Rule, Segment, Step};
 pub use simulated::Simulated;
@@ -30,9 +32,10 @@ pub struct Frame {
     /// Distances of the ring of sonars from the robot's centre, metres, the first straight ahead, counter-clockwise; in the
     /// precision of the log, so that a replay hears the same.
     pub sonar: Vec<f32>,
-    /// The action during which this frame was taken; `None` for the first frame.
+    /// The action during which this frame was taken; `None` for the first frame, and for the first after an interruption of
+    /// another program's log: what was before it has nothing to do with it.
     pub action: Option<Action>,
-    /// Set on the last frame of an action, and on the first frame of all.
+    /// Set on the last frame of an action, and on frames before which there was none.
     pub boundary: Option<Boundary>,
 }
 
@@ -81,6 +84,11 @@ pub trait Source {
     /// A source that cannot be put away; parts that are missing or do not fit.
     fn persist(&mut self, _parts: &mut Parts) -> Result<(), PartsError> {
         Err(PartsError::Unable("this source of frames"))
+    }
+
+    /// What came of another program's log so far, if that is where the frames are from.
+    fn imported(&self) -> Option<ImportReport> {
+        None
     }
 }
 

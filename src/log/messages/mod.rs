@@ -1,8 +1,10 @@
 //! The messages of a log: Rust types beside the ROS 2 definitions that are stored in the file.
 //!
 //! A type's fields stand in the order of its definition, since CDR stores them in that order and
-//! without names. [`standard`] holds the messages that ROS 2 has, [`own`] those of `adagio_msgs`.
+//! without names. [`standard`] holds the messages that ROS 2 has, [`own`] those of `adagio_msgs`,
+//! [`foreign`] more of ROS 2 that only other programs record.
 
+pub mod foreign;
 mod octets;
 pub mod own;
 pub mod standard;

@@ -1,0 +1,109 @@
+//! `adagio replay BAG --scenario FILE`: learn from the log of another program.
+
+use std::path::Path;
+use std::cell::Cell;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use super::drive::{self, Drive, log_options, metadata};
+use super::run::load;
+use super::{Ending, ReplayArgs, folder};
+use crate::log::{Folder, RunLog};
+use crate::report::Origin;
+use crate::scenario::Scenario;
+use crate::source::Imported;
+use crate::source::imported::{ImportError, Roles, Survey, frames_per_action};
+use crate::world::World;
+
+/// Fewest actions that a scenario may have.
+const FEWEST_ACTIONS: u64 = 10;
+
+/// Learn from another program's log, with a scenario that says what is what.
+pub fn import(args: &ReplayArgs, file: &Path, stop: &AtomicBool) -> Ending {
+    let (survey, roles, scenario) = match prepare(args, file) {
+        Ok(prepared) => prepared,
+        Err(ending) => return ending,
+    };
+    for damage in &survey.damage {
+        eprintln!("warning: {damage}");
+    }
+    if !args.quiet {
+        eprintln!("{}", told(&roles, &scenario));
+    }
+    let scenario = Arc::new(scenario);
+    let world = match World::new(&scenario) {
+        Ok(world) => Arc::new(world),
+        Err(error) => return Ending::failed(error),
+    };
+    // That nothing can be learned shows before there is a folder.
+    let mut source = match Imported::open(scenario.clone(), world.clone(), &survey, &roles) {
+        Ok(source) => source,
+        Err(error) => return Ending::failed(error),
+    };
+    let run = match folder::create(args.out.as_deref(), &scenario) {
+        Ok(run) => run,
+        Err(ending) => return ending,
+    };
+    let result = (|| {
+        drive::write(&run, "scenario.toml", scenario.text.as_bytes())?;
+        let origin = Origin { part: 0, replay_of: Some(args.run.display().to_string()) };
+        let (options, rotation) = log_options(&scenario);
+        let log = RunLog::create(Folder::new(&run), &options, rotation, &metadata(&scenario, &origin));
+        let drive = Drive {
+            scenario: &scenario,
+            world: &world,
+            run: &run,
+            stop,
+            quiet: args.quiet,
+            recording: None,
+            most_actions: None,
+            likely_actions: Some((scenario.actions / scenario.robot.frames_per_action) as u64),
+            evaluate: !args.no_evaluate,
+            origin,
+            keep: false,
+            state: Cell::new(None),
+            curve: Vec::new(),
+        };
+        drive.go(&mut source, log.map_err(|error| error.to_string())?)
+    })();
+    drive::ending(result, &run, args.json)
+}
+
+/// What the log holds, which topic is what, and the scenario with what follows from the log: the run ends with the log, and
+/// has as many frames in an action as images come. `--set` has the last word in both.
+fn prepare(args: &ReplayArgs, file: &Path) -> Result<(Survey, Roles, Scenario), Ending> {
+    let wanted = Scenario::load(file, &args.set).map_err(|error| Ending::Usage(error.to_string()))?;
+    let refuse = |error: ImportError| match error {
+        ImportError::Topic { .. } | ImportError::Rate(_) => Ending::Usage(error.to_string()),
+        _ => Ending::failed(error),
+    };
+    let survey = Survey::of(&args.run, wanted.topics.stamps).map_err(refuse)?;
+    let roles = survey.roles(&wanted.topics).map_err(refuse)?;
+    let frames = frames_per_action(&survey, &roles, &wanted).map_err(refuse)?;
+    let images = survey.topics.get(&roles.camera).map_or(0, |seen| seen.messages);
+    let mut sets = vec![
+        format!("actions={}", images.max(FEWEST_ACTIONS)),
+        format!("robot.frames_per_action={frames}"),
+        // There is no robot that could be late, and no frame to drop.
+        "agent.speed=auto".to_owned(),
+        "agent.when_behind=wait".to_owned(),
+    ];
+    sets.extend(args.set.iter().cloned());
+    Ok((survey, roles, load(file, &sets)?))
+}
+
+/// Which topic is what, for people.
+fn told(roles: &Roles, scenario: &Scenario) -> String {
+    let name = |role: &Option<String>| role.clone().unwrap_or_else(|| "none".to_owned());
+    let actions = match &roles.action {
+        Some(topic) => format!("actions {topic}"),
+        None => format!("actions cut from the motion, commands {}", name(&roles.command)),
+    };
+    format!(
+        "camera {}, pose {}, {actions}, sonar {}; {} images in an action",
+        roles.camera,
+        roles.pose,
+        name(&roles.sonar),
+        scenario.robot.frames_per_action
+    )
+}

@@ -1,0 +1,354 @@
+//! From the messages of another program's log to what was sensed with each image.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use nalgebra::Point2;
+
+use super::picture::{self, PictureError};
+use super::survey::{Roles, stamp_ns};
+use crate::log::messages::{self as msg, Message, foreign};
+use crate::log::{FilesReader, LogError, Record, cdr};
+use crate::scenario::Scenario;
+use crate::vision::Observer;
+use crate::world::{Action, Pose, wrap};
+
+/// Images that wait for a pose after them; then the oldest is given up.
+const MOST_WAITING: usize = 4096;
+
+/// Poses, commands, actions and scans that wait for an image; then the oldest is forgotten.
+const MOST_AHEAD: usize = 1 << 16;
+
+/// The names that a robot's own coordinate frame has.
+const ROBOT_FRAMES: [&str; 2] = ["base_link", "base_footprint"];
+
+/// An image with what else was known when it was taken.
+#[derive(Debug, Clone)]
+pub struct Sensed {
+    pub stamp_ns: u64,
+    /// The observation that vision made of it.
+    pub pixels: Vec<u8>,
+    pub pose: Pose,
+    /// Distances, the first straight ahead, counter-clockwise, metres.
+    pub sonar: Vec<f32>,
+    /// What was commanded since the image before, metres ahead.
+    pub told: f64,
+}
+
+/// What could not be used.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Unused {
+    /// Images read, those that were passed over on purpose not among them.
+    pub images: u64,
+    /// Images that are none, or of another kind or size; and why the first of them.
+    pub pictures: u64,
+    pub first_reason: Option<String>,
+    /// Images that are not later than the one before.
+    pub out_of_order: u64,
+    /// Images without a pose before and after them.
+    pub without_pose: u64,
+    /// Other messages that could not be read, and damaged records.
+    pub damaged: u64,
+}
+
+/// An image that waits for its pose.
+struct Waiting {
+    stamp_ns: u64,
+    pixels: Vec<u8>,
+}
+
+/// Puts together what was sensed, image by image.
+pub struct Senses {
+    scenario: Arc<Scenario>,
+    roles: Roles,
+    records: FilesReader,
+    observer: Observer,
+    ended: bool,
+    waiting: VecDeque<Waiting>,
+    /// The last pose before the first image that waits, and those after it.
+    poses: VecDeque<(u64, Pose)>,
+    commands: VecDeque<(u64, f64)>,
+    /// The command that is being followed, and up to when it was counted.
+    following: Option<(u64, f64)>,
+    counted_to_ns: u64,
+    scans: VecDeque<(u64, Vec<f32>)>,
+    actions: VecDeque<(u64, Option<Action>)>,
+    last_image_ns: Option<u64>,
+    passed_over: usize,
+    pub unused: Unused,
+}
+
+impl Senses {
+    pub fn new(scenario: Arc<Scenario>, roles: Roles, records: FilesReader) -> Self {
+        Senses {
+            scenario,
+            roles,
+            records,
+            observer: Observer::default(),
+            ended: false,
+            waiting: VecDeque::new(),
+            poses: VecDeque::new(),
+            commands: VecDeque::new(),
+            following: None,
+            counted_to_ns: 0,
+            scans: VecDeque::new(),
+            actions: VecDeque::new(),
+            last_image_ns: None,
+            passed_over: 0,
+            unused: Unused::default(),
+        }
+    }
+
+    /// The next image that can be used; none at the end of the log.
+    pub fn next(&mut self) -> Option<Sensed> {
+        loop {
+            if let Some(pose) = self.pose_of_first() {
+                let Waiting { stamp_ns, pixels } = self.waiting.pop_front()?;
+                match pose {
+                    Some(pose) => {
+                        let (sonar, told) = (self.sonar_at(stamp_ns), self.told_until(stamp_ns));
+                        return Some(Sensed { stamp_ns, pixels, pose, sonar, told });
+                    }
+                    None => self.unused.without_pose += 1,
+                }
+            } else if self.ended {
+                return None;
+            } else {
+                self.read();
+            }
+        }
+    }
+
+    /// The next action that began before a time; the inner `None` is a word for no action.
+    pub fn action_before(&mut self, stamp_ns: u64) -> Option<(u64, Option<Action>)> {
+        self.actions.pop_front_if(|action| action.0 < stamp_ns)
+    }
+
+    fn read(&mut self) {
+        match self.records.next() {
+            None => self.ended = true,
+            Some(Err(_)) => self.unused.damaged += 1,
+            Some(Ok(Record::Message { topic, schema, log_time_ns, data, .. })) => {
+                let stamp = stamp_ns(&schema, &data, log_time_ns, self.scenario.topics.stamps);
+                let is = |role: &Option<String>| role.as_deref() == Some(&*topic);
+                let taken = if *topic == *self.roles.camera {
+                    self.image(&schema, &data, stamp);
+                    Ok(())
+                } else if *topic == *self.roles.pose {
+                    self.pose(&schema, &data, stamp)
+                } else if is(&self.roles.action) {
+                    self.action(&schema, &data, stamp)
+                } else if is(&self.roles.command) {
+                    self.command(&schema, &data, stamp)
+                } else if is(&self.roles.sonar) {
+                    self.scan(&data, stamp)
+                } else {
+                    Ok(())
+                };
+                self.unused.damaged += u64::from(taken.is_err());
+            }
+            Some(Ok(_)) => {}
+        }
+    }
+
+    fn image(&mut self, kind: &str, data: &[u8], stamp_ns: u64) {
+        if self.passed_over > 0 {
+            self.passed_over -= 1;
+            return;
+        }
+        self.passed_over = self.scenario.topics.every - 1;
+        self.unused.images += 1;
+        if self.last_image_ns.is_some_and(|last| stamp_ns <= last) {
+            self.unused.out_of_order += 1;
+            return;
+        }
+        match self.observe(kind, data) {
+            Ok(pixels) => {
+                self.last_image_ns = Some(stamp_ns);
+                self.waiting.push_back(Waiting { stamp_ns, pixels });
+            }
+            Err(reason) => {
+                self.unused.pictures += 1;
+                self.unused.first_reason.get_or_insert(reason);
+            }
+        }
+    }
+
+    /// What vision makes of an image.
+    fn observe(&mut self, kind: &str, data: &[u8]) -> Result<Vec<u8>, String> {
+        let text = |error: PictureError| error.to_string();
+        let broken = |error: LogError| error.to_string();
+        let image = if kind == msg::Image::TYPE {
+            picture::raw(&cdr::decode(data).map_err(broken)?).map_err(text)?
+        } else {
+            picture::compressed(&cdr::decode(data).map_err(broken)?).map_err(text)?
+        };
+        let vision = &self.scenario.vision;
+        let image = picture::crop(image, &self.scenario.camera, vision).map_err(text)?;
+        let mut pixels = Vec::new();
+        self.observer.observe(&image, vision, &mut pixels);
+        Ok(pixels)
+    }
+
+    fn pose(&mut self, kind: &str, data: &[u8], stamp_ns: u64) -> Result<(), LogError> {
+        let (stamp_ns, pose) = match kind {
+            msg::Odometry::TYPE => (stamp_ns, planar(&cdr::decode::<msg::Odometry>(data)?.pose.pose)),
+            msg::PoseStamped::TYPE => (stamp_ns, planar(&cdr::decode::<msg::PoseStamped>(data)?.pose)),
+            foreign::PoseWithCovarianceStamped::TYPE => {
+                (stamp_ns, planar(&cdr::decode::<foreign::PoseWithCovarianceStamped>(data)?.pose.pose))
+            }
+            _ => {
+                let transforms: foreign::TfMessage = cdr::decode(data)?;
+                let robot = |transform: &&foreign::TransformStamped| {
+                    ROBOT_FRAMES.contains(&transform.child_frame_id.trim_start_matches('/'))
+                };
+                let Some(found) = transforms.transforms.iter().find(robot) else { return Ok(()) };
+                // The message itself has no header: its transforms have.
+                let own = found.header.stamp_ns();
+                let by_header = self.scenario.topics.stamps == crate::scenario::Stamps::Header && own > 0;
+                (if by_header { own } else { stamp_ns }, planar(&found.transform.pose()))
+            }
+        };
+        let finite = pose.position.x.is_finite() && pose.position.y.is_finite() && pose.heading.is_finite();
+        // Poses that are late, or repeated, say nothing new.
+        if finite && self.poses.back().is_none_or(|last| last.0 < stamp_ns) {
+            keep(&mut self.poses, (stamp_ns, pose), MOST_AHEAD);
+        }
+        Ok(())
+    }
+
+    /// The pose of the first image that waits: `None` if it cannot be told yet, `Some(None)` if it never can.
+    fn pose_of_first(&mut self) -> Option<Option<Pose>> {
+        let stamp = self.waiting.front()?.stamp_ns;
+        // The last pose that is not after the image stays.
+        while self.poses.get(1).is_some_and(|next| next.0 <= stamp) {
+            self.poses.pop_front();
+        }
+        let Some(&(before, a)) = self.poses.front() else { return self.gives_up().then_some(None) };
+        if before >= stamp {
+            // Where poses begin after the image, it has none.
+            return Some((before == stamp).then_some(a));
+        }
+        let Some(&(after, b)) = self.poses.get(1) else { return self.gives_up().then_some(None) };
+        if after - before > self.hold_ns() {
+            return Some(None);
+        }
+        let share = (stamp - before) as f64 / (after - before) as f64;
+        let position = a.position + (b.position - a.position) * share;
+        Some(Some(Pose::new(position, a.heading + share * wrap(b.heading - a.heading))))
+    }
+
+    fn gives_up(&self) -> bool {
+        self.ended || self.waiting.len() > MOST_WAITING
+    }
+
+    /// What was true this long ago is still true: one duration of an action, and a little for stamps that jitter.
+    fn hold_ns(&self) -> u64 {
+        (1.05e9 * self.scenario.robot.action_seconds) as u64
+    }
+
+    fn command(&mut self, kind: &str, data: &[u8], stamp_ns: u64) -> Result<(), LogError> {
+        let twist = if kind == msg::Twist::TYPE {
+            cdr::decode::<msg::Twist>(data)?
+        } else {
+            cdr::decode::<msg::TwistStamped>(data)?.twist
+        };
+        let late = self.commands.back().is_some_and(|last| stamp_ns < last.0);
+        if twist.linear.x.is_finite() && !late {
+            keep(&mut self.commands, (stamp_ns, twist.linear.x), MOST_AHEAD);
+        }
+        Ok(())
+    }
+
+    /// Metres ahead that were commanded from where the last image was counted to this one. A command holds until the next,
+    /// but no longer than [`Senses::hold_ns`].
+    fn told_until(&mut self, stamp_ns: u64) -> f64 {
+        let mut told = 0.0;
+        let hold = self.hold_ns();
+        let mut at = self.counted_to_ns;
+        let mut follow = |following: Option<(u64, f64)>, to: u64| {
+            if let Some((since, speed)) = following {
+                let seconds = to.min(since.saturating_add(hold)).saturating_sub(at.max(since)) as f64 / 1e9;
+                told += speed * seconds;
+            }
+            at = to.max(at);
+        };
+        while let Some(next) = self.commands.pop_front_if(|next| next.0 <= stamp_ns) {
+            follow(self.following, next.0);
+            self.following = Some(next);
+        }
+        follow(self.following, stamp_ns);
+        self.counted_to_ns = stamp_ns;
+        told
+    }
+
+    fn scan(&mut self, data: &[u8], stamp_ns: u64) -> Result<(), LogError> {
+        let scan: msg::LaserScan = cdr::decode(data)?;
+        let robot = &self.scenario.robot;
+        let ring = ring(&scan, robot.sonars, robot.sonar_range as f32);
+        keep(&mut self.scans, (stamp_ns, ring), MOST_WAITING);
+        Ok(())
+    }
+
+    /// The last scan before a time; nothing in range if there is none.
+    fn sonar_at(&mut self, stamp_ns: u64) -> Vec<f32> {
+        while self.scans.get(1).is_some_and(|next| next.0 <= stamp_ns) {
+            self.scans.pop_front();
+        }
+        let hold = self.hold_ns();
+        let robot = &self.scenario.robot;
+        match self.scans.front() {
+            Some((stamp, scan)) if *stamp <= stamp_ns && stamp_ns - stamp <= hold => scan.clone(),
+            _ => vec![robot.sonar_range as f32; robot.sonars],
+        }
+    }
+
+    fn action(&mut self, kind: &str, data: &[u8], stamp_ns: u64) -> Result<(), LogError> {
+        let number = match kind {
+            msg::Decision::TYPE => Some(i64::from(cdr::decode::<msg::Decision>(data)?.action)),
+            foreign::Int8::TYPE => Some(cdr::decode::<foreign::Int8>(data)?.data.into()),
+            foreign::Int16::TYPE => Some(cdr::decode::<foreign::Int16>(data)?.data.into()),
+            foreign::Int32::TYPE => Some(cdr::decode::<foreign::Int32>(data)?.data.into()),
+            foreign::Int64::TYPE => Some(cdr::decode::<foreign::Int64>(data)?.data),
+            foreign::UInt8::TYPE => Some(cdr::decode::<foreign::UInt8>(data)?.data.into()),
+            foreign::UInt16::TYPE => Some(cdr::decode::<foreign::UInt16>(data)?.data.into()),
+            foreign::UInt32::TYPE => Some(cdr::decode::<foreign::UInt32>(data)?.data.into()),
+            foreign::UInt64::TYPE => i64::try_from(cdr::decode::<foreign::UInt64>(data)?.data).ok(),
+            _ => match cdr::decode::<foreign::Text>(data)?.data.trim().to_lowercase().as_str() {
+                "forward" => Some(0),
+                "left" | "turn_left" => Some(1),
+                "right" | "turn_right" => Some(2),
+                _ => None,
+            },
+        };
+        let action = number.and_then(|number| Action::ALL.get(usize::try_from(number).ok()?).copied());
+        keep(&mut self.actions, (stamp_ns, action), MOST_AHEAD);
+        Ok(())
+    }
+}
+
+/// Add to a queue, and forget its oldest entry where it has too many.
+fn keep<T>(queue: &mut VecDeque<T>, entry: T, most: usize) {
+    queue.push_back(entry);
+    if queue.len() > most {
+        queue.pop_front();
+    }
+}
+
+fn planar(pose: &msg::Pose) -> Pose {
+    Pose::new(Point2::new(pose.position.x, pose.position.y), pose.heading())
+}
+
+/// A scan as a ring of sonars: each hears the nearest echo of its sector, and nothing where there is no ray.
+fn ring(scan: &msg::LaserScan, sonars: usize, reach: f32) -> Vec<f32> {
+    let mut ring = vec![reach; sonars];
+    let sector = std::f64::consts::TAU / sonars as f64;
+    for (i, &range) in scan.ranges.iter().enumerate() {
+        let angle = f64::from(scan.angle_min) + i as f64 * f64::from(scan.angle_increment);
+        if angle.is_finite() && range.is_finite() && range >= scan.range_min && range <= scan.range_max {
+            let index = (angle.rem_euclid(std::f64::consts::TAU) / sector).round() as usize % sonars;
+            ring[index] = ring[index].min(range);
+        }
+    }
+    ring
+}

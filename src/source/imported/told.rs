@@ -1,0 +1,100 @@
+//! Actions that were recorded as such: each lasts from its message to the next one.
+
+use std::collections::VecDeque;
+
+use crate::source::{Segment, Step};
+use crate::world::Action;
+
+/// An action that is told lasts no longer than this many usual durations; later frames belong to none.
+const LONGEST: f64 = 2.0;
+
+/// Less than this share of an action ahead is being blocked; an action that was cut off after less of its duration is none.
+const HALF: f64 = 0.5;
+
+/// Frames by the actions that were told.
+#[derive(Debug, Default)]
+pub struct Told {
+    action: Option<Action>,
+    /// Since it began, in durations of an action.
+    duration: f64,
+    frames: usize,
+    ahead: f64,
+    finished: VecDeque<Segment>,
+}
+
+impl Told {
+    /// An action begins, or one ends that no other follows.
+    pub fn begin(&mut self, action: Option<Action>) {
+        self.close();
+        (self.action, self.duration) = (action, 0.0);
+    }
+
+    /// One more frame, after the actions that began before it.
+    pub fn push(&mut self, step: Step) {
+        if self.duration + step.duration > LONGEST {
+            self.begin(None);
+        }
+        self.duration += step.duration;
+        self.frames += 1;
+        self.ahead += step.ahead;
+    }
+
+    /// Frames are missing here, or the recording has ended.
+    pub fn interrupt(&mut self) {
+        if self.duration < HALF {
+            self.action = None;
+        }
+        self.begin(None);
+    }
+
+    /// The next segment that is finished.
+    pub fn finished(&mut self) -> Option<Segment> {
+        self.finished.pop_front()
+    }
+
+    fn close(&mut self) {
+        if self.frames > 0 {
+            let blocked = self.action == Some(Action::Forward) && self.ahead < HALF;
+            self.finished.push_back(Segment { frames: self.frames, action: self.action, blocked });
+        }
+        (self.frames, self.ahead) = (0, 0.0);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn steps(told: &mut Told, frames: usize, ahead: f64) {
+        for _ in 0..frames {
+            told.push(Step { ahead, duration: 0.2, ..Step::default() });
+        }
+    }
+
+    #[test]
+    fn each_action_lasts_to_the_next_but_not_for_ever() {
+        let mut told = Told::default();
+        steps(&mut told, 3, 0.0);
+        told.begin(Some(Action::Forward));
+        steps(&mut told, 5, 0.2);
+        told.begin(Some(Action::Forward));
+        steps(&mut told, 5, 0.05);
+        told.begin(Some(Action::TurnLeft));
+        steps(&mut told, 14, 0.0);
+        told.begin(Some(Action::TurnRight));
+        steps(&mut told, 2, 0.0);
+        told.interrupt();
+        let found: Vec<_> =
+            std::iter::from_fn(|| told.finished()).map(|s| (s.frames, s.action.map(Action::index), s.blocked)).collect();
+        // The last one was cut off after 0.4 of its duration.
+        let expected = [
+            (3, None, false),
+            (5, Some(0), false),
+            (5, Some(0), true),
+            (10, Some(1), false),
+            (4, None, false),
+            (2, None, false),
+        ];
+        assert_eq!(found, expected);
+    }
+}
