@@ -51,8 +51,7 @@ impl Drive<'_> {
         let text = |error: &dyn std::fmt::Display| error.to_string();
         let (scenario, world) = (self.scenario, self.world);
         let starts = scenario.evaluate.starts;
-        let evaluator =
-            self.evaluate.then(|| Evaluator::new(scenario.clone(), world.clone(), starts, scenario.seed));
+        let evaluator = self.evaluate.then(|| Evaluator::new(scenario.clone(), world.clone(), starts, scenario.seed));
         let (checkpoint, state) = (self.run.join(CHECKPOINT_NAME), self.run.join(STATE_NAME));
         let outcome = self.watched(|status| {
             let options = RunOptions {

@@ -62,17 +62,15 @@ pub fn info(args: &InfoArgs) -> Ending {
     let mut text = String::new();
     for file in &info.files {
         let entry = |key: &str| file.metadata.get(key).map_or("unknown", String::as_str);
+        let _ = if file.metadata.is_empty() {
+            writeln!(text, "{}: another program wrote it, or its first record is missing", file.file)
+        } else {
+            let (name, seed, version) = (entry("scenario_name"), entry("seed"), entry("version"));
+            writeln!(text, "{}: {name}, seed {seed}, written by adagio {version}", file.file)
+        };
         let _ = writeln!(
             text,
-            "{}: {}, seed {}, written by adagio {}",
-            file.file,
-            entry("scenario_name"),
-            entry("seed"),
-            entry("version")
-        );
-        let _ = writeln!(
-            text,
-            "  {:.1} MB, {:.0} s of driving, {}",
+            "  {:.1} MB, {:.0} s, {}",
             file.bytes as f64 / 1e6,
             file.seconds,
             if file.complete { "complete" } else { "not closed" }

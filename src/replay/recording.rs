@@ -25,8 +25,8 @@ pub enum RecordingError {
     },
     /// There is nothing in it.
     #[error(
-        "{0} holds no log file run_NNN.mcap: it is not a run folder, or the run was ended before it had begun; begin a run with \
-         `adagio run SCENARIO`"
+        "{0} holds no log file run_NNN.mcap: it is not a run folder, or the run was ended before it had begun (begin it again with \
+         `adagio run SCENARIO`; `adagio replay` learns from another program's logs with --scenario FILE)"
     )]
     Empty(PathBuf),
     /// The log does not say what was run.

@@ -131,23 +131,28 @@ pub fn report(run: &Path) -> Value {
 
 /// What the Python readers see, or `None` if their packages are missing.
 pub fn read_with_python(path: &Path) -> Option<Value> {
-    let script = package_file("tests/python/read_log.py");
+    let printed = python("read_log.py", &[path.to_str().unwrap(), "--messages=-1"])?;
+    Some(serde_json::from_str(&printed).unwrap())
+}
+
+/// What a script of `tests/python` prints, which must succeed; `None` if its packages are missing, and that is allowed.
+///
+/// `ADAGIO_PYTHON` names the Python (default `python3`); `ADAGIO_REQUIRE_PYTHON=1` makes missing packages a failure.
+pub fn python(script: &str, arguments: &[&str]) -> Option<String> {
+    let path = package_file("tests/python").join(script);
     let python = env::var("ADAGIO_PYTHON").unwrap_or_else(|_| "python3".into());
-    let output = Command::new(&python).arg(script).arg(path).arg("--messages=-1").output();
+    let output = Command::new(&python).arg(path).args(arguments).output();
     let missing = match &output {
         Err(cause) => format!("{python} does not start: {cause}"),
-        Ok(output) if output.status.code() == Some(3) => {
-            format!("{python}: {}", String::from_utf8_lossy(&output.stderr).trim())
-        }
+        Ok(output) if output.status.code() == Some(3) => format!("{python}: {}", stderr(output).trim()),
         Ok(output) => {
-            let errors = String::from_utf8_lossy(&output.stderr);
-            assert!(output.status.success(), "a reader failed on {}: {errors}", path.display());
-            return Some(serde_json::from_slice(&output.stdout).unwrap());
+            assert!(output.status.success(), "{script} failed on {arguments:?}: {}", stderr(output));
+            return Some(stdout(output));
         }
     };
     let required = env::var("ADAGIO_REQUIRE_PYTHON").is_ok_and(|value| value == "1");
-    assert!(!required, "NOT CHECKED with other readers: {missing}");
-    eprintln!("NOT CHECKED with other readers: {missing}");
+    assert!(!required, "NOT CHECKED with {script}: {missing}");
+    eprintln!("NOT CHECKED with {script}: {missing}");
     None
 }
 

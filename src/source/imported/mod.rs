@@ -25,7 +25,7 @@ use std::sync::Arc;
 
 use serde::Serialize;
 
-use self::senses::{Senses, Sensed};
+use self::senses::{Sensed, Senses};
 use self::told::Told;
 use super::{Cutter, Frame, Rule, Segment, Source, Step, View, boundary};
 use crate::log::FilesReader;
@@ -144,8 +144,7 @@ impl Imported {
         let usual = usual_interval_ns(survey, roles, &scenario);
         let usual = usual.ok_or_else(|| ImportError::Rate("there are no two images".into()))?;
         let robot = &scenario.robot;
-        let rule =
-            Rule { forward: robot.forward, turn: robot.turn_deg.to_radians(), seconds: robot.action_seconds };
+        let rule = Rule { forward: robot.forward, turn: robot.turn_deg.to_radians(), seconds: robot.action_seconds };
         let cutting = match &roles.action {
             Some(_) => Cutting::Told(Told::default()),
             None => Cutting::Motion(Box::default()),

@@ -84,8 +84,9 @@ mod tests {
         told.begin(Some(Action::TurnRight));
         steps(&mut told, 2, 0.0);
         told.interrupt();
-        let found: Vec<_> =
-            std::iter::from_fn(|| told.finished()).map(|s| (s.frames, s.action.map(Action::index), s.blocked)).collect();
+        let found: Vec<_> = std::iter::from_fn(|| told.finished())
+            .map(|s| (s.frames, s.action.map(Action::index), s.blocked))
+            .collect();
         // The last one was cut off after 0.4 of its duration.
         let expected = [
             (3, None, false),
