@@ -37,6 +37,7 @@
 //! | [`log`] | messages, CDR, writer, reader |
 //! | [`parts`] | objects put away and made again, bit for bit |
 //! | [`replay`] | a recorded run once more; two runs side by side |
+//! | [`export`] | a recorded run as arrays for Python |
 //! | [`evaluate`] | trials, convergence quality, pose decoding |
 //! | [`report`] | what a run came to |
 //! | [`cli`] | one file per command |
@@ -101,6 +102,7 @@ pub mod agent;
 pub mod cli;
 pub mod dictionary;
 pub mod evaluate;
+pub mod export;
 pub mod kernel;
 pub mod log;
 pub mod parts;

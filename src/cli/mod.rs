@@ -6,6 +6,7 @@ mod check;
 mod compare;
 mod drive;
 mod evaluate;
+mod export;
 mod folder;
 mod import;
 mod info;
@@ -19,7 +20,7 @@ use std::io::{ErrorKind, Write};
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, Parser, Subcommand, ValueEnum};
 
 /// How a command ended.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -78,6 +79,8 @@ pub enum Command {
     Recover(RecoverArgs),
     /// Say in what two runs differ.
     Compare(CompareArgs),
+    /// Write a run's observations, features, transitions and values as arrays for Python, and its images as PNG.
+    Export(ExportArgs),
 }
 
 /// Arguments of `adagio run`.
@@ -213,6 +216,37 @@ pub struct CompareArgs {
     pub json: bool,
 }
 
+/// Arguments of `adagio export`.
+#[derive(Debug, Args)]
+pub struct ExportArgs {
+    /// Run folder or .mcap file.
+    pub run: PathBuf,
+    /// Folder for the files, which must not exist yet.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Kind of files.
+    #[arg(long, value_enum, default_value_t)]
+    pub format: ExportFormat,
+    /// Write every observation as a PNG file, too: images/NNNNNNNN.png, by the number of its frame.
+    #[arg(long)]
+    pub images: bool,
+    /// The model whose features and values are written: a checkpoint.safetensors, or a run, whose newest it is [default: the
+    /// run's own newest].
+    #[arg(long, value_name = "PATH")]
+    pub model: Option<PathBuf>,
+    /// Print about.json instead of a list.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Kinds of files that runs are exported to.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
+pub enum ExportFormat {
+    /// NumPy's archives of arrays: numpy.load opens them.
+    #[default]
+    Npz,
+}
+
 /// Whether a command has something to finish when it is interrupted.
 pub fn finishes(command: &Command) -> bool {
     matches!(command, Command::Run(_) | Command::Replay(_) | Command::Resume(_))
@@ -229,6 +263,7 @@ pub fn dispatch(cli: Cli, stop: &AtomicBool) -> Ending {
         Command::Resume(args) => resume::resume(&args, stop),
         Command::Recover(args) => recover::recover(&args),
         Command::Compare(args) => compare::compare(&args),
+        Command::Export(args) => export::export(&args),
     }
 }
 

@@ -1,0 +1,91 @@
+//! `adagio export RUN --out DIR`
+
+use std::path::Path;
+use std::sync::Arc;
+
+use super::{Ending, ExportArgs, folder, print, print_json};
+use crate::agent::read_checkpoint;
+use crate::export::{About, Model, export as write};
+use crate::replay::Recording;
+use crate::report::Numbered;
+use crate::scenario::Scenario;
+use crate::world::World;
+
+/// Write a recorded run as arrays for Python, and its images as PNG.
+pub fn export(args: &ExportArgs) -> Ending {
+    match written(args) {
+        Err(ending) => ending,
+        Ok(about) => {
+            let printed = if args.json { print_json(&about) } else { print(&told(args, &about)) };
+            if printed != Ending::Done || about.damaged == 0 {
+                return printed;
+            }
+            let damaged = Numbered(about.damaged);
+            Ending::DataLoss(format!("{damaged} frames or records of {} could not be used", args.run.display()))
+        }
+    }
+}
+
+fn written(args: &ExportArgs) -> Result<About, Ending> {
+    let recording = Recording::open(&args.run).map_err(Ending::failed)?;
+    let scenario = Arc::new(recording.scenario(&[]).map_err(|error| Ending::Usage(error.to_string()))?);
+    let world = Arc::new(World::new(&scenario).map_err(Ending::failed)?);
+    let model = match &args.model {
+        Some(path) => Some(model_of(path)?),
+        None => match model_of(&args.run) {
+            Ok(model) => Some(model),
+            Err(Ending::Failed(reason)) => {
+                eprintln!("warning: there are no features and values: {reason}");
+                None
+            }
+            Err(ending) => return Err(ending),
+        },
+    };
+    if let Some(model) = &model {
+        fits(model, &scenario)?;
+    }
+    let out = folder::create(Some(&args.out), &scenario)?;
+    let about = write(&recording, &args.run, &scenario, world, model.as_ref(), args.images, &out);
+    about.map_err(|error| Ending::Failed(format!("{error}\nwhat is in {} is not complete", out.display())))
+}
+
+/// What a run learned, or what a checkpoint holds.
+fn model_of(path: &Path) -> Result<Model, Ending> {
+    let is_checkpoint = path.is_file() && path.extension().is_some_and(|extension| extension == "safetensors");
+    let (learned, scenario) = if is_checkpoint {
+        let bytes =
+            std::fs::read(path).map_err(|cause| Ending::Failed(format!("cannot read {}: {cause}", path.display())))?;
+        read_checkpoint(&bytes, path).map_err(|error| Ending::Failed(format!("{}: {error}", path.display())))?
+    } else {
+        folder::learned(path)?
+    };
+    Ok(Model { learned, scenario, path: path.to_owned() })
+}
+
+/// Observations of another size are not what a model knows.
+fn fits(model: &Model, scenario: &Scenario) -> Result<(), Ending> {
+    let (of_model, of_run) = (&model.scenario.vision, &scenario.vision);
+    if (of_model.width, of_model.height) == (of_run.width, of_run.height) {
+        return Ok(());
+    }
+    Err(Ending::Usage(format!(
+        "the model of {} knows observations of {} × {} pixels, those of the run have {} × {}",
+        model.path.display(),
+        of_model.width,
+        of_model.height,
+        of_run.width,
+        of_run.height
+    )))
+}
+
+fn told(args: &ExportArgs, about: &About) -> String {
+    let mut text = format!("{} frames of {}\n", Numbered(about.frames), about.run);
+    if let Some(model) = &about.model {
+        text += &format!("features and values by model {} of {}\n", model.epoch, model.path);
+    }
+    for (file, arrays) in &about.files {
+        let arrays: Vec<String> = arrays.iter().map(|(name, array)| format!("{name} {:?}", array.shape)).collect();
+        text += &format!("  {file}: {}\n", arrays.join(", "));
+    }
+    text + &format!("kept in {}; about.json says what each array is\n", args.out.display())
+}

@@ -1,0 +1,304 @@
+//! What an export holds, table by table: which arrays, and what one message or frame adds to them.
+
+use std::io;
+use std::path::Path;
+
+use faer::{MatRef, Par};
+
+use super::npz::{Array, Written};
+use crate::log::messages::{Decision, DictionaryGrowth, Evaluation, ModelUpdate, Transition};
+use crate::policy::{Learned, columns};
+use crate::scenario::Scenario;
+use crate::source::{Frame, View};
+use crate::vision::{Observation, ZERO};
+
+/// Declares a table: its arrays with their types, row shapes and meanings; and how they are created and finished.
+macro_rules! table {
+    ($(#[$doc:meta])* $name:ident($($size:ident),*) { $($array:ident: $type:ty [$($length:expr),*] = $meaning:literal,)+ }) => {
+        $(#[$doc])*
+        pub struct $name { $($array: Array<$type>,)+ }
+
+        impl $name {
+            /// What each array is, by name.
+            pub const MEANINGS: &'static [(&'static str, &'static str)] = &[$((stringify!($array), $meaning)),+];
+
+            pub fn create(folder: &Path, $($size: usize),*) -> io::Result<Self> {
+                Ok($name { $($array: Array::create(folder, stringify!($array), &[$($length),*])?,)+ })
+            }
+
+            pub fn finish(self) -> io::Result<Vec<Written>> {
+                Ok(vec![$(self.$array.finish()?),+])
+            }
+        }
+    };
+}
+
+table! {
+    /// One row for each frame.
+    Frames(height, width, sonars) {
+        frame: u64 [] = "number of the frame",
+        stamp_ns: u64 [] = "when it was taken, nanoseconds",
+        observation: u8 [height, width, 3] = "what is learned from, RGB",
+        action: i8 [] = "the action during which it was taken: 0 forward, 1 left, 2 right, -1 none",
+        boundary: bool [] = "it is the last frame of its action, or one before which there was none",
+        blocked: bool [] = "at a boundary: an obstacle stopped the robot during the action",
+        pose: f64 [3] = "x, y (m), heading (rad), by an outside measurement",
+        odometry: f64 [3] = "x, y (m), heading (rad), by the robot's own estimate",
+        sonar: f32 [sonars] = "distances (m), the first straight ahead, counter-clockwise",
+    }
+}
+
+table! {
+    /// One row for each frame: what a model makes of its observation.
+    Features(features, tasks) {
+        features: f64 [features] = "slow features by the model, the constant one first, then the slowest",
+        q_values: f64 [tasks, 3] = "for each task the value of each action: 0 forward, 1 left, 2 right",
+    }
+}
+
+table! {
+    /// One row for each action that was completed.
+    Transitions(tasks) {
+        from_frame: u64 [] = "the frame before the action",
+        to_frame: u64 [] = "the frame after it",
+        stamp_ns: u64 [] = "when it ended, nanoseconds",
+        action: u8 [] = "0 forward, 1 left, 2 right",
+        blocked: bool [] = "an obstacle stopped the robot",
+        rewards: f64 [tasks] = "the reward of each task",
+    }
+}
+
+table! {
+    /// One row for each decision.
+    Decisions() {
+        frame: u64 [] = "the frame that was decided on",
+        stamp_ns: u64 [] = "when, nanoseconds",
+        action_index: u64 [] = "number of the action",
+        action: u8 [] = "0 forward, 1 left, 2 right",
+        behaviour: u8 [] = "0 explore, 1 pursue a task",
+        task: i32 [] = "number of the task that is pursued, -1 none",
+        epoch: u32 [] = "the model in use, 0 before the first",
+        q_values: f64 [3] = "value of each action for that task; not a number without one",
+        reflex: bool [] = "a reflex replaced what the behaviour wished",
+    }
+}
+
+table! {
+    /// One row for each model that was made during the run.
+    Models(features) {
+        epoch: u32 [] = "number of the model, from 1",
+        asked_at_frame: u64 [] = "the frame at which it was asked for",
+        effective_at_frame: u64 [] = "the first frame that it was used on",
+        frames: u64 [] = "frames that it was learned from",
+        support_vectors: u32 [] = "support vectors that it is made of",
+        regulariser: f64 [] = "lambda",
+        slowness: f64 [features] = "slowness of each feature (1/s^2), slowest first; not a number beyond the last",
+    }
+}
+
+table! {
+    /// One row for each block of frames that went through the dictionary.
+    Growth() {
+        first_frame: u64 [] = "first frame of the block",
+        last_frame: u64 [] = "last frame of the block",
+        accepted: u32 [] = "frames of it that became support vectors",
+        size: u32 [] = "support vectors after the block",
+        sigma: f64 [] = "width of the kernel",
+        nu: f64 [] = "threshold of acceptance; not a number for a random selection",
+    }
+}
+
+table! {
+    /// One row for each frame that became a support vector; with some selections it may have been replaced since.
+    Accepted() {
+        frame: u64 [] = "number of the frame",
+    }
+}
+
+table! {
+    /// One row for each trial of a policy during the run.
+    Evaluations() {
+        epoch: u32 [] = "epoch of the policy",
+        frame: u64 [] = "the newest frame that it had learned from",
+        task: i32 [] = "number of the task",
+        starts: u32 [] = "trials",
+        success: f64 [] = "share of trials that arrived",
+        mean_steps: f64 [] = "actions per arrival",
+        convergence_quality: f64 [] = "convergence quality, 0 to 1",
+    }
+}
+
+table! {
+    /// The model itself, one row for each support vector.
+    SupportVectors(height, width, features) {
+        observation: u8 [height, width, 3] = "the support vector, RGB",
+        projection: f64 [features] = "its part in each slow feature: features = projection' k(x) - offset",
+    }
+}
+
+table! {
+    /// One row for each slow feature of the model, without the constant one.
+    Slow() {
+        slowness: f64 [] = "slowness (1/s^2), slowest first",
+        offset: f64 [] = "what is subtracted: features = projection' k(x) - offset",
+    }
+}
+
+table! {
+    /// One row for each task: Q(x, a) = weights[task, a] . features(x).
+    Policies(features) {
+        weights: f64 [3, features] = "weights of each action: 0 forward, 1 left, 2 right; that of the constant feature first",
+    }
+}
+
+/// A row of a fixed length: what is too long is cut, what is missing is not a number.
+fn fixed(values: &[f64], length: usize) -> Vec<f64> {
+    values.iter().copied().chain(std::iter::repeat(f64::NAN)).take(length).collect()
+}
+
+impl Frames {
+    /// Add a frame; its pixels are those of an observation.
+    pub fn add(&mut self, frame: &Frame, pixels: &[u8], sonars: usize) -> io::Result<()> {
+        let planar = |pose: &crate::world::Pose| [pose.position.x, pose.position.y, pose.heading];
+        let sonar: Vec<f32> = frame.sonar.iter().copied().chain(std::iter::repeat(f32::NAN)).take(sonars).collect();
+        self.frame.push(&[frame.number])?;
+        self.stamp_ns.push(&[frame.stamp_ns])?;
+        self.observation.push(pixels)?;
+        self.action.push(&[frame.action.map_or(-1, |action| action.index() as i8)])?;
+        self.boundary.push(&[frame.boundary.is_some()])?;
+        self.blocked.push(&[frame.boundary.as_ref().is_some_and(|boundary| boundary.blocked)])?;
+        self.pose.push(&planar(&frame.pose))?;
+        self.odometry.push(&planar(&frame.odometry))?;
+        self.sonar.push(&sonar)
+    }
+}
+
+/// The pixels of a recorded frame.
+pub fn pixels(frame: &mut Frame) -> Vec<u8> {
+    match &mut frame.view {
+        View::Observation(pixels) => std::mem::take(pixels),
+        View::Image(image) => std::mem::take(&mut image.rgb),
+    }
+}
+
+impl Features {
+    /// Add what a model makes of observations.
+    pub fn add(&mut self, learned: &Learned, observations: &[Observation]) -> io::Result<()> {
+        let x = columns(observations.iter());
+        let features = learned.features(x.as_ref(), Par::Seq);
+        for (j, observation) in observations.iter().enumerate() {
+            self.features.push(&column(features.as_ref(), j))?;
+            let values = (0..learned.weights.len()).flat_map(|task| learned.q_values(observation, task));
+            self.q_values.push(&values.collect::<Vec<f64>>())?;
+        }
+        Ok(())
+    }
+}
+
+fn column(matrix: MatRef<'_, f64>, j: usize) -> Vec<f64> {
+    matrix.col(j).iter().copied().collect()
+}
+
+impl Transitions {
+    pub fn add(&mut self, message: &Transition, tasks: usize) -> io::Result<()> {
+        self.from_frame.push(&[message.from_frame])?;
+        self.to_frame.push(&[message.to_frame])?;
+        self.stamp_ns.push(&[message.header.stamp_ns()])?;
+        self.action.push(&[message.action])?;
+        self.blocked.push(&[message.blocked])?;
+        self.rewards.push(&fixed(&message.rewards, tasks))
+    }
+}
+
+/// Number of a task, −1 for none.
+fn task_number(scenario: &Scenario, name: &str) -> i32 {
+    let found = scenario.tasks.iter().position(|task| task.name == name);
+    found.map_or(-1, |number| number as i32)
+}
+
+impl Decisions {
+    pub fn add(&mut self, message: &Decision, scenario: &Scenario) -> io::Result<()> {
+        self.frame.push(&[message.frame])?;
+        self.stamp_ns.push(&[message.header.stamp_ns()])?;
+        self.action_index.push(&[message.action_index])?;
+        self.action.push(&[message.action])?;
+        self.behaviour.push(&[message.behaviour])?;
+        self.task.push(&[task_number(scenario, &message.task)])?;
+        self.epoch.push(&[message.epoch])?;
+        self.q_values.push(&fixed(&message.q_values, 3))?;
+        self.reflex.push(&[message.reflex])
+    }
+}
+
+impl Models {
+    pub fn add(&mut self, message: &ModelUpdate, features: usize) -> io::Result<()> {
+        self.epoch.push(&[message.epoch])?;
+        self.asked_at_frame.push(&[message.asked_at_frame])?;
+        self.effective_at_frame.push(&[message.effective_at_frame])?;
+        self.frames.push(&[message.frames])?;
+        self.support_vectors.push(&[message.support_vectors])?;
+        self.regulariser.push(&[message.regulariser])?;
+        self.slowness.push(&fixed(&message.slowness, features))
+    }
+}
+
+impl Growth {
+    pub fn add(&mut self, message: &DictionaryGrowth) -> io::Result<()> {
+        self.first_frame.push(&[message.first_frame])?;
+        self.last_frame.push(&[message.last_frame])?;
+        self.accepted.push(&[message.accepted.len() as u32])?;
+        self.size.push(&[message.size])?;
+        self.sigma.push(&[message.sigma])?;
+        self.nu.push(&[message.nu])
+    }
+}
+
+impl Accepted {
+    pub fn add(&mut self, message: &DictionaryGrowth) -> io::Result<()> {
+        message.accepted.iter().try_for_each(|&frame| self.frame.push(&[frame]))
+    }
+}
+
+impl Evaluations {
+    pub fn add(&mut self, message: &Evaluation, scenario: &Scenario) -> io::Result<()> {
+        self.epoch.push(&[message.epoch])?;
+        self.frame.push(&[message.frame])?;
+        self.task.push(&[task_number(scenario, &message.task)])?;
+        self.starts.push(&[message.starts])?;
+        self.success.push(&[message.success])?;
+        self.mean_steps.push(&[message.mean_steps])?;
+        self.convergence_quality.push(&[message.convergence_quality])
+    }
+}
+
+impl SupportVectors {
+    pub fn add(&mut self, learned: &Learned) -> io::Result<()> {
+        let model = &learned.model;
+        for j in 0..model.members.ncols() {
+            // Members are observations about zero: whole numbers that fit.
+            let pixels = model.members.col(j).iter().map(|&value| (value + f32::from(ZERO)) as u8);
+            self.observation.push(&pixels.collect::<Vec<u8>>())?;
+            self.projection.push(&model.projection.row(j).iter().copied().collect::<Vec<f64>>())?;
+        }
+        Ok(())
+    }
+}
+
+impl Slow {
+    pub fn add(&mut self, learned: &Learned) -> io::Result<()> {
+        for (&slowness, &offset) in learned.model.slowness.iter().zip(&learned.model.offset) {
+            self.slowness.push(&[slowness])?;
+            self.offset.push(&[offset])?;
+        }
+        Ok(())
+    }
+}
+
+impl Policies {
+    pub fn add(&mut self, learned: &Learned) -> io::Result<()> {
+        learned.weights.iter().try_for_each(|weights| {
+            let rows: Vec<f64> = (0..weights.ncols()).flat_map(|action| column(weights.as_ref(), action)).collect();
+            self.weights.push(&rows)
+        })
+    }
+}
