@@ -103,7 +103,7 @@ pub struct AboutModel {
     pub epoch: u32,
     /// It knows the frames up to this one.
     pub asked_at_frame: u64,
-    /// Kernel `exp(−½ (‖x − y‖ / sigma)^exponent)`, of observations less 128.
+    /// Width of the kernel `k(x, s) = exp(−(‖x − s‖ / (√2 sigma))^exponent)`, in grey levels.
     pub sigma: f64,
     /// Exponent of the kernel.
     pub exponent: f64,
