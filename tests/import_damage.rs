@@ -8,13 +8,19 @@ use std::fs::File;
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 use std::process::Output;
+use std::sync::Arc;
 
 use adagio::log::messages::foreign::{CompressedImage, Int32};
 use adagio::log::messages::{self as msg, Header, Image, LaserScan, Odometry, PoseWithCovariance, Twist, Vector3};
 use adagio::log::{Message, cdr};
+use adagio::scenario::Scenario;
+use adagio::source::imported::{Survey, frames_per_action};
+use adagio::source::{Imported, Source, View};
+use adagio::world::{Action, World};
 use common::{adagio, package_file, report, stderr, stdout};
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder as _};
+use rand::RngExt;
 use serde_json::Value;
 
 const START_NS: u64 = 1_700_000_000_000_000_000;
@@ -29,7 +35,11 @@ struct Bag {
 
 impl Bag {
     fn new(path: &Path) -> Self {
-        let options = mcap::WriteOptions::new().profile("ros2").chunk_size(Some(64 << 10)).compression_threads(0);
+        Bag::with(path, mcap::WriteOptions::new())
+    }
+
+    fn with(path: &Path, options: mcap::WriteOptions) -> Self {
+        let options = options.profile("ros2").chunk_size(Some(64 << 10)).compression_threads(0);
         let writer = options.create(BufWriter::new(File::create(path).unwrap())).unwrap();
         Bag { writer, channels: BTreeMap::new() }
     }
@@ -193,6 +203,110 @@ fn gaps_and_stops_interrupt_what_is_learned_and_are_counted() {
     // The run's own log has no hole: what was left out never was a frame of it.
     let checked = adagio(folder.path(), &["check", "run"]);
     assert!(checked.status.success(), "{}", stdout(&checked));
+}
+
+#[test]
+fn a_pose_that_jumps_is_no_action() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("bag.mcap");
+    let mut bag = Bag::new(&path);
+    for frame in 0..641 {
+        bag.write("/image", stamp(frame), &image(frame));
+        // Its localisation is 4 m off from the 15th action on.
+        let mut odometry = odometry(frame);
+        odometry.pose.pose.position.y += if frame > 150 { 4.0 } else { 0.0 };
+        bag.write("/odom", stamp(frame), &odometry);
+    }
+    bag.end();
+    let found = imported(folder.path(), &[]);
+    assert_eq!((&found["jumps"], &found["gaps"]), (&1.into(), &0.into()));
+    assert_eq!(found["actions"], serde_json::json!([32, 32, 0]), "nine tenths of an action are one, too");
+}
+
+#[test]
+fn the_files_of_a_split_bag_follow_each_other_by_their_numbers() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::create_dir(folder.path().join("split")).unwrap();
+    for (number, frames) in [(0, 0..200), (2, 200..400), (10, 400..641)] {
+        let mut bag = Bag::new(&folder.path().join(format!("split/split_{number}.mcap")));
+        for frame in frames {
+            bag.write("/odom", stamp(frame), &odometry(frame));
+            bag.write("/image", stamp(frame), &image(frame));
+        }
+        bag.end();
+    }
+    std::fs::write(folder.path().join("split/metadata.yaml"), "rosbag2_bagfile_information:").unwrap();
+    std::fs::rename(folder.path().join("split"), folder.path().join("bag.mcap")).unwrap();
+    let found = imported(folder.path(), &[]);
+    assert_eq!((&found["frames"], &found["out_of_order"], &found["gaps"]), (&641.into(), &0.into(), &0.into()));
+}
+
+#[test]
+fn our_own_logs_are_replayed_without_a_scenario() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = common::smoke_run(folder.path(), "other", &["--actions", "30"]);
+    std::fs::rename(run.join("run_000.mcap"), folder.path().join("bag.mcap")).unwrap();
+    refused(folder.path(), &[], 2, &["bag.mcap is a log of our own", "without --scenario"]);
+}
+
+/// No bytes make it panic: checksums are left out, so that the messages themselves are damaged.
+#[test]
+fn mutated_bags_are_read_to_their_end() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("bag.mcap");
+    let mut bag = Bag::with(&path, mcap::WriteOptions::new().compression(None).calculate_chunk_crcs(false));
+    for frame in 0..60 {
+        let file = compressed(frame);
+        bag.write("/image", stamp(frame), &file);
+        bag.write("/odom", stamp(frame), &odometry(frame));
+        bag.write("/cmd_vel", stamp(frame), &command(frame));
+        let scan = LaserScan { angle_increment: 0.1, range_max: 5.0, ranges: vec![1.0; 63], ..Default::default() };
+        bag.write("/scan", stamp(frame), &scan);
+    }
+    bag.end();
+    let whole = std::fs::read(&path).unwrap();
+    let sets = ["dictionary.sigma_frames=50".to_owned()];
+    let scenario = Arc::new(Scenario::load(&package_file("scenarios/smoke.toml"), &sets).unwrap());
+    let world = Arc::new(World::new(&scenario).unwrap());
+    let mut rng = common::generator(5);
+    let (mut read, mut refused, mut frames) = (0, 0, 0);
+    for _ in 0..400 {
+        let mut bytes = whole.clone();
+        for _ in 0..rng.random_range(1..40) {
+            let at = rng.random_range(0..bytes.len());
+            bytes[at] = rng.random_range(0..=255);
+        }
+        std::fs::write(&path, &bytes).unwrap();
+        let begun = Survey::of(&path, scenario.topics.stamps).and_then(|survey| {
+            let roles = survey.roles(&scenario.topics)?;
+            let _ = frames_per_action(&survey, &roles, &scenario);
+            Imported::open(scenario.clone(), world.clone(), &survey, &roles)
+        });
+        let Ok(mut source) = begun else {
+            refused += 1;
+            continue;
+        };
+        read += 1;
+        let mut next = source.first();
+        let mut more = true;
+        while let Some(frame) = next.take() {
+            assert!(matches!(&frame.view, View::Observation(pixels) if pixels.len() == 3 * 32 * 16));
+            frames += 1;
+            while more {
+                more = source.execute(Action::Forward, &mut |_| {
+                    frames += 1;
+                    true
+                });
+            }
+        }
+        let report = source.report();
+        assert_eq!(
+            report.frames + report.without_action + report.unusable_images + report.out_of_order + report.without_pose,
+            report.images
+        );
+    }
+    println!("{read} read with {frames} frames, {refused} refused");
+    assert!(read > 200 && frames > 40 * read, "{read} read with {frames} frames");
 }
 
 #[test]

@@ -8,7 +8,7 @@ use std::sync::atomic::AtomicBool;
 use super::drive::{self, Drive, log_options, metadata};
 use super::run::load;
 use super::{Ending, ReplayArgs, folder};
-use crate::log::{Folder, RunLog};
+use crate::log::{Folder, RunLog, topics};
 use crate::report::Origin;
 use crate::scenario::Scenario;
 use crate::source::Imported;
@@ -78,6 +78,13 @@ fn prepare(args: &ReplayArgs, file: &Path) -> Result<(Survey, Roles, Scenario), 
         _ => Ending::failed(error),
     };
     let survey = Survey::of(&args.run, wanted.topics.stamps).map_err(refuse)?;
+    if survey.topics.contains_key(topics::FRAME.name()) {
+        return Err(Ending::Usage(format!(
+            "{} is a log of our own, which has its scenario in it: replay it without --scenario, and change what is to be \
+             otherwise with --set",
+            args.run.display()
+        )));
+    }
     let roles = survey.roles(&wanted.topics).map_err(refuse)?;
     let frames = frames_per_action(&survey, &roles, &wanted).map_err(refuse)?;
     let images = survey.topics.get(&roles.camera).map_or(0, |seen| seen.messages);

@@ -112,6 +112,7 @@ fn imported_lines(imported: &ImportReport) -> String {
     for (count, what) in [
         (imported.without_action, "images left out: the robot did nothing then that is an action"),
         (imported.gaps, "breaks between images"),
+        (imported.jumps, "jumps of the pose"),
         (imported.without_pose, "images left out: no pose before and after them"),
         (imported.out_of_order, "images left out: not later than the one before"),
         (imported.unusable_images, "images left out: they could not be read"),

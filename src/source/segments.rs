@@ -36,6 +36,9 @@ const STOP: f64 = STILL / 2.0;
 /// What is left of a stretch is an action from this share on; a share that was told and not done makes it blocked.
 const HALF: f64 = 0.5;
 
+/// A robot that does this many actions in the time of one, and one more, was put there: its pose has jumped.
+const FASTEST: f64 = 5.0;
+
 /// Frames in which a robot may fail to finish an action; more belong to none.
 pub const MOST_HELD: usize = 20_000;
 
@@ -73,6 +76,14 @@ impl Rule {
         let stands = ahead.abs().max(turned.abs()) < STILL * duration;
         let stuck = if stands && told > STILL * duration { told } else { 0.0 };
         Step { ahead, turned, stuck, duration }
+    }
+
+    /// Whether no robot drives from one pose to the other in so many seconds: somebody carried it, or its localisation has
+    /// found out that it was wrong.
+    pub fn is_jump(&self, from: &Pose, to: &Pose, seconds: f64) -> bool {
+        let most = 1.0 + FASTEST * seconds / self.seconds;
+        let (way, angle) = ((to.position - from.position).norm(), wrap(to.heading - from.heading).abs());
+        way > most * self.forward || angle > most * self.turn
     }
 }
 
@@ -419,6 +430,19 @@ mod tests {
         // Turning while the command has just become forward is not being stuck.
         let late = Drive::new().go(10, 0.0, std::f64::consts::FRAC_PI_4, 0.3).end();
         assert_eq!(late, [(10, L, false)]);
+    }
+
+    #[test]
+    fn a_pose_that_jumps_was_not_driven_to() {
+        let at = |x: f64, y: f64, heading: f64| Pose::new(Point2::new(x, y), heading);
+        let start = at(1.0, 1.0, 0.0);
+        // 0.1 s: at most one and a half actions, 0.45 m or 68°.
+        assert!(!RULE.is_jump(&start, &at(1.44, 1.0, 0.0), 0.1));
+        assert!(RULE.is_jump(&start, &at(1.46, 1.0, 0.0), 0.1));
+        assert!(RULE.is_jump(&start, &at(1.0, 0.5, 0.0), 0.1), "sideways, too");
+        assert!(!RULE.is_jump(&start, &at(1.0, 1.0, 67f64.to_radians()), 0.1));
+        assert!(RULE.is_jump(&start, &at(1.0, 1.0, -68f64.to_radians()), 0.1));
+        assert!(!RULE.is_jump(&start, &at(1.0, 0.5, 0.0), 0.2));
     }
 
     #[test]

@@ -9,7 +9,8 @@
 //! - The pose of an image is interpolated between the poses before and after it. Images without both are left out.
 //! - Frames during which the robot did nothing that is an action are left out, too. The last one before an action is
 //!   given without an action, as the first frame of all is: nothing is learned over the break, and the action begins at it.
-//! - So it is after a gap, which is a break between images that is longer than `topics.gap_intervals` usual intervals.
+//! - So it is after a gap, which is a break between images that is longer than `topics.gap_intervals` usual intervals, and
+//!   where the pose jumps.
 //! - Vision makes observations of the images right here, so that what waits for the end of its action is small.
 
 mod picture;
@@ -50,6 +51,8 @@ pub struct ImportReport {
     pub without_action: u64,
     /// Breaks between images.
     pub gaps: u64,
+    /// Times that the pose jumped; a break, too.
+    pub jumps: u64,
     /// Images left out because they could not be read; and why the first of them.
     pub unusable_images: u64,
     /// Why the first of these could not be read.
@@ -236,14 +239,16 @@ impl Imported {
         self.sensed += 1;
         if let Some(last) = self.held.back() {
             let interval = sensed.stamp_ns.saturating_sub(last.stamp_ns);
-            if interval > self.gap_ns {
+            let (is_gap, seconds) = (interval > self.gap_ns, interval as f64 / 1e9);
+            if is_gap || self.rule.is_jump(&last.pose, &sensed.pose, seconds) {
                 self.cutting.interrupt();
                 self.give_finished();
                 self.held.clear();
                 self.given = false;
-                self.report.gaps += 1;
+                self.report.gaps += u64::from(is_gap);
+                self.report.jumps += u64::from(!is_gap);
             } else {
-                let step = self.rule.step(&last.pose, &sensed.pose, interval as f64 / 1e9, sensed.told);
+                let step = self.rule.step(&last.pose, &sensed.pose, seconds, sensed.told);
                 self.cut(step, sensed.stamp_ns);
             }
         }
