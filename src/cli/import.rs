@@ -1,7 +1,7 @@
 //! `adagio replay BAG --scenario FILE`: learn from the log of another program.
 
-use std::path::Path;
 use std::cell::Cell;
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
