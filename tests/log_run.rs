@@ -237,7 +237,7 @@ fn files_that_are_closed_for_their_size_are_whole_and_together_hold_every_messag
     assert!((5..20).contains(&found.endings.len()), "{} files", found.endings.len());
     let sizes: Vec<usize> = disk.disk().files.values().map(Vec::len).collect();
     // A chunk and the index go beyond the size at which a file is closed.
-    assert!(sizes[..sizes.len() - 1].iter().all(|size| (20_000..35_000).contains(size)), "{sizes:?}");
+    assert!(sizes[..sizes.len() - 1].iter().all(|size| (20_000..38_000).contains(size)), "{sizes:?}");
     assert_eq!((totals.files, totals.bytes, totals.messages), (sizes.len() as u64, found.bytes, 200));
     assert!(totals.failures.is_empty());
 }
@@ -285,7 +285,7 @@ fn a_file_that_cannot_be_begun_leaves_the_old_one_going_on_until_it_has_doubled(
     let sizes: Vec<usize> = disk.disk().files.values().map(Vec::len).collect();
     assert!((40_000..60_000).contains(&sizes[0]), "{sizes:?}");
     // Then files have their size again.
-    assert!(sizes.len() > 4 && sizes[1..].iter().all(|&size| size < 35_000), "{sizes:?}");
+    assert!(sizes.len() > 4 && sizes[1..].iter().all(|&size| size < 38_000), "{sizes:?}");
 }
 
 #[test]

@@ -138,6 +138,9 @@ fn inputs_that_once_failed() {
 
 // ---- inputs, one after the other
 
+/// Where a limited process finds the checkpoint that was made for it: a run needs more address space than it has.
+const MADE: &str = "ADAGIO_MADE_CHECKPOINT";
+
 /// Where a limited process is told its work: first input, number of inputs, file for the number of the present one.
 const WORK: &str = "ADAGIO_MUTATIONS";
 
@@ -163,11 +166,16 @@ fn parse(parser: &Parser, test: &str) {
     let count = if long { MANY } else { parser.inputs };
     let folder = tempfile::tempdir().unwrap();
     let progress = folder.path().join("progress");
+    let made = folder.path().join("checkpoint");
+    if parser.name == CHECKPOINT.name {
+        std::fs::write(&made, &checkpoints()[0]).unwrap();
+    }
     let output = Command::new("sh")
         .args(["-c", &format!("ulimit -v {ADDRESS_SPACE_KB} && exec \"$0\" \"$@\"")])
         .arg(std::env::current_exe().unwrap())
         .args([test, "--exact", "--nocapture", "--test-threads=1"])
         .env(WORK, format!("0:{count}:{}", progress.display()))
+        .env(MADE, &made)
         .output()
         .unwrap();
     let at = std::fs::read(&progress).unwrap_or_default();
@@ -283,6 +291,9 @@ fn scenarios() -> Vec<Vec<u8>> {
 
 /// The checkpoint of a run of some seconds, with few support vectors and small observations.
 fn checkpoints() -> Vec<Vec<u8>> {
+    if let Ok(path) = std::env::var(MADE) {
+        return vec![std::fs::read(path).unwrap()];
+    }
     let folder = tempfile::tempdir().unwrap();
     let smoke: PathBuf = package_file("scenarios/smoke.toml");
     let mut arguments = vec!["run", smoke.to_str().unwrap(), "--quiet", "--out", "run", "--actions", "30"];
