@@ -249,7 +249,7 @@ fn in_lockstep_every_order_gives_the_same_messages_on_every_topic() {
         let turns = Turns::new(stream(seed, "schedule"));
         // In some the state of the run is put away between all actions.
         let path = folder.path().join(format!("{seed}"));
-        let keep = seed.is_multiple_of(50).then(|| Keep { path, every: Some(Duration::ZERO) });
+        let keep = seed.is_multiple_of(50).then_some(Keep { path, every: Some(Duration::ZERO) });
         let run = Run { scenario: &scenario, world: &world, turns: Some(turns), stop_at: None, keep, recording: None };
         let (outcome, given) = run.go(log_in(Nowhere).expecting(expected.clone(), Repeating::Write));
         assert_eq!((outcome.frames, outcome.actions, given), (FRAMES, ACTIONS as u64, FRAMES));

@@ -152,7 +152,7 @@ pub struct EvaluateArgs {
 pub struct ReplayArgs {
     /// Run folder or .mcap file.
     pub run: PathBuf,
-    /// Learn from the log of another program, a ROS 2 bag, with this scenario: it says which topic is what ([topics]), where
+    /// Learn from the log of another program, a ROS 2 bag, with this scenario: it says which topic is what (section `[topics]`), where
     /// walls and goals are, and what an action is.
     #[arg(long, value_name = "FILE")]
     pub scenario: Option<PathBuf>,

@@ -16,7 +16,7 @@
 //! - [`writer`]: append only, so that a killed process leaves a log that can be read.
 //! - [`files`]: the files of a run as one.
 //! - [`reader`]: bounded memory, never a panic, goes on after a damaged chunk.
-//! - [`recover`]: a clean file from a damaged one.
+//! - [`mod@recover`]: a clean file from a damaged one.
 //! - [`summary`]: what is in a log, in one pass.
 
 pub mod cdr;
