@@ -151,8 +151,9 @@ impl Deciding<'_> {
                 helm.answered += 1;
             }
         } else {
-            self.quiet.hold.store(true, Ordering::Relaxed);
-            if self.quiet.requests.load(Ordering::Relaxed) != helm.answered {
+            // Perceive may be asking for a model at this very frame. By the next boundary it has seen that it must not.
+            let held = self.quiet.hold.swap(true, Ordering::Relaxed) || self.stop.load(Ordering::Relaxed);
+            if !held || self.quiet.requests.load(Ordering::Relaxed) != helm.answered {
                 return Ok(());
             }
             // Announced by a recording that ended before they acted.

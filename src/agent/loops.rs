@@ -185,10 +185,11 @@ impl Perceiving<'_> {
     /// Add what was learned to the state of the run, and pass it on. If a model was asked for after the state began, that one
     /// belongs to neither side of it: it is given up, and begun again at the next occasion.
     fn save(&self, perceive: &mut Perceive, mut mark: Box<Mark>) {
+        // In any case models may be asked for again.
+        self.quiet.hold.store(false, Ordering::Relaxed);
         if self.quiet.requests.load(Ordering::Relaxed) != mark.requests {
             return;
         }
-        self.quiet.hold.store(false, Ordering::Relaxed);
         if mark.parts.inner("perceive", perceive).is_ok() {
             let _ = self.solve.put(Item::Save(mark));
         }
@@ -241,29 +242,28 @@ pub fn assess(
     Ok(curve)
 }
 
-/// The keep actor: writes the states of the run, each after everything before it is in the log.
+/// The keep actor: writes the states of the run, each after everything before it is in the log. What it returns is why the last
+/// one could not be written, if so: what is in the log is not lost, and the run goes on.
 pub fn keep(
     marks: &Inbox<Item<Infallible>>,
     keep: Option<&Keep>,
     scenario: &Scenario,
     record: &Recorder,
-) -> Result<(), RunError> {
+) -> Result<Option<String>, RunError> {
+    let mut failure = None;
     while let Ok(Item::Save(mark)) = marks.take() {
         let Some(keep) = keep else { continue };
         if record.flush().is_err() {
             break;
         }
         let (frame, stamp) = (mark.frame, mark.stamp_ns);
-        match write_state(&keep.path, *mark, scenario) {
-            Ok(()) => {}
-            // What is in the log is not lost: the run goes on, and says so.
-            Err(error) => {
-                let text = format!("the state after frame {frame} is not kept: {error}");
-                let _ = record.diagnostic(Level::Warn, stamp, text);
-            }
+        failure = write_state(&keep.path, *mark, scenario).err();
+        if let Some(error) = &failure {
+            let text = format!("the state after frame {frame} is not kept: {error}");
+            let _ = record.diagnostic(Level::Warn, stamp, text);
         }
     }
-    Ok(())
+    Ok(failure.map(|error| error.to_string()))
 }
 
 /// One evaluation as a point of the curve.

@@ -122,6 +122,8 @@ pub struct Outcome {
     pub pursuits: Vec<Tally>,
     /// Frames that the source dropped.
     pub dropped: u64,
+    /// Why the last state of the run could not be kept, if it could not: the run then goes on from its log.
+    pub not_kept: Option<String>,
     /// The log.
     pub log: RunTotals,
 }
@@ -283,7 +285,7 @@ pub(super) fn run_in_turns(
             })?);
         }
         let parts = (act.join(), perceive.join(), solver.join(), fitter.join(), assess.join());
-        let _ = keeper.join();
+        let not_kept = keeper.join().ok().flatten().flatten();
         over.store(true, Ordering::Relaxed);
         let _ = health.map(|health| health.join());
         let stamp = status.snapshot().stamp_ns;
@@ -303,9 +305,9 @@ pub(super) fn run_in_turns(
         }
         drop(recorder);
         let log = log_thread.join();
-        Ok((parts, log, failure))
+        Ok((parts, not_kept, log, failure))
     });
-    let ((act, perceive, solver, fitter, assess), log, failure) = parts?;
+    let ((act, perceive, solver, fitter, assess), not_kept, log, failure) = parts?;
     if let Some(error) = failure.or_else(|| failed.lock().unwrap_or_else(PoisonError::into_inner).take()) {
         return Err(error);
     }
@@ -337,6 +339,7 @@ pub(super) fn run_in_turns(
         },
         pursuits: acted.pursuits,
         dropped: status.snapshot().dropped,
+        not_kept,
         log: log.ok().flatten().ok_or_else(|| lost("log"))?,
     })
 }

@@ -1,6 +1,5 @@
 //! What `run`, `replay` and `resume` have in common: drive a scenario from a source, evaluate, report.
 
-use std::cell::Cell;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::Write;
@@ -40,20 +39,21 @@ pub struct Drive<'a> {
     /// Whether the state of the run is put away now and then, so that it can go on from there.
     pub keep: bool,
     /// The state that it goes on from.
-    pub state: Cell<Option<Parts>>,
+    pub state: Option<Parts>,
     /// Evaluations before that.
     pub curve: Vec<CurvePoint>,
 }
 
 impl Drive<'_> {
     /// Run to the end, evaluate what was learned, and write the report. The error is one for people.
-    pub fn go(&self, source: &mut (dyn Source + Send), log: RunLog) -> Result<Report, String> {
+    pub fn go(self, source: &mut (dyn Source + Send), log: RunLog) -> Result<Report, String> {
         let text = |error: &dyn std::fmt::Display| error.to_string();
         let (scenario, world) = (self.scenario, self.world);
         let starts = scenario.evaluate.starts;
         let evaluator = self.evaluate.then(|| Evaluator::new(scenario.clone(), world.clone(), starts, scenario.seed));
         let (checkpoint, state) = (self.run.join(CHECKPOINT_NAME), self.run.join(STATE_NAME));
-        let outcome = self.watched(|status| {
+        let most = self.most_actions.unwrap_or(u64::MAX).min(scenario.actions as u64);
+        let outcome = watched(self.quiet, self.likely_actions.unwrap_or(u64::MAX).min(most), |status| {
             let options = RunOptions {
                 stop: self.stop,
                 status,
@@ -62,8 +62,8 @@ impl Drive<'_> {
                 recording: self.recording,
                 most_actions: self.most_actions,
                 keep: self.keep.then(|| Keep { path: state.clone(), every: scenario.agent.keep_every() }),
-                state: self.state.take(),
-                curve: self.curve.clone(),
+                state: self.state,
+                curve: self.curve,
             };
             agent::run(scenario, &mut *source, log, options)
         });
@@ -74,6 +74,9 @@ impl Drive<'_> {
         }
         for failure in &outcome.log.failures {
             eprintln!("warning: {failure}");
+        }
+        if let Some(reason) = &outcome.not_kept {
+            eprintln!("warning: {reason}: the run would go on from its log alone");
         }
         if outcome.log.deleted_files > 0 {
             let (files, bytes) = (outcome.log.deleted_files, outcome.log.deleted_bytes as f64 / 1e6);
@@ -89,7 +92,7 @@ impl Drive<'_> {
                 .inspect_err(|error| eprintln!("warning: the pose cannot be decoded: {error}"))
                 .ok();
         }
-        let report = Report::new(scenario, &outcome, tasks, pose, self.origin.clone(), source.imported());
+        let report = Report::new(scenario, &outcome, tasks, pose, self.origin, source.imported());
         let json = serde_json::to_string_pretty(&report).map_err(|e| text(&e))?;
         write(self.run, "report.json", json.as_bytes())?;
         if !self.evaluate {
@@ -102,13 +105,6 @@ impl Drive<'_> {
             eprintln!("warning: there is no {OVERVIEW_NAME}: {reason}");
         }
         Ok(report)
-    }
-
-    /// Do something with its progress on stderr, unless that is not wanted.
-    fn watched<R>(&self, work: impl FnOnce(&Status) -> R) -> R {
-        let most = self.most_actions.unwrap_or(u64::MAX).min(self.scenario.actions as u64);
-        let actions = self.likely_actions.unwrap_or(u64::MAX).min(most);
-        watched(self.quiet, actions, work)
     }
 }
 

@@ -1,6 +1,5 @@
 //! `adagio replay BAG --scenario FILE`: learn from the log of another program.
 
-use std::cell::Cell;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -61,7 +60,7 @@ pub fn import(args: &ReplayArgs, file: &Path, stop: &AtomicBool) -> Ending {
             evaluate: !args.no_evaluate,
             origin,
             keep: false,
-            state: Cell::new(None),
+            state: None,
             curve: Vec::new(),
         };
         drive.go(&mut source, log.map_err(|error| error.to_string())?)

@@ -1,6 +1,5 @@
 //! `adagio replay RUN`
 
-use std::cell::Cell;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -26,7 +25,7 @@ pub fn replay(args: &ReplayArgs, stop: &AtomicBool) -> Ending {
         Ok(recording) => recording,
         Err(error) => return Ending::failed(error),
     };
-    let scenario = match recording.scenario(&args.set) {
+    let scenario = match recording.scenario(&changes(&args.set)) {
         Ok(scenario) => scenario,
         Err(error) => return Ending::Usage(error.to_string()),
     };
@@ -46,6 +45,14 @@ pub fn replay(args: &ReplayArgs, stop: &AtomicBool) -> Ending {
     } else {
         again(args, &recording, scenario, world, stop)
     }
+}
+
+/// The keys that a replay changes. With other settings the recorded moments of requests and swaps mean nothing: models come by
+/// the number of frames, so that the analysis gives the same again, and no frame is waited for or dropped.
+fn changes(sets: &[String]) -> Vec<String> {
+    let of_replay = ["agent.mode=lockstep", "agent.when_behind=wait", "agent.speed=auto"];
+    let of_replay = of_replay.into_iter().filter(|_| !sets.is_empty()).map(str::to_owned);
+    of_replay.chain(sets.iter().cloned()).collect()
 }
 
 /// What a log holds of the camera is what vision made of it.
@@ -91,7 +98,7 @@ fn again(
             evaluate: !args.no_evaluate,
             origin,
             keep: false,
-            state: Cell::new(None),
+            state: None,
             curve: Vec::new(),
         };
         let report = drive.go(&mut source, log.map_err(|error| error.to_string())?)?;

@@ -1,6 +1,5 @@
 //! `adagio resume RUN`
 
-use std::cell::Cell;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -113,7 +112,7 @@ fn go_on(
         evaluate: true,
         origin,
         keep: true,
-        state: Cell::new(kept.map(|kept| kept.parts)),
+        state: kept.map(|kept| kept.parts),
         curve,
     };
     drive.go(&mut source, log)

@@ -1,6 +1,5 @@
 //! `adagio run SCENARIO`
 
-use std::cell::Cell;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -98,7 +97,7 @@ fn in_folder(scenario: &Arc<Scenario>, run: &Path, args: &RunArgs, stop: &Atomic
         evaluate: true,
         origin,
         keep: true,
-        state: Cell::new(None),
+        state: None,
         curve: Vec::new(),
     };
     drive.go(&mut source, log)

@@ -38,17 +38,10 @@ pub enum RecordingError {
     NoScenario(PathBuf),
     /// The log has no frames that could be repeated.
     #[error(
-        "{path} holds no frames ({found} messages on {topic}), so there is nothing to repeat or to go on from: begin again \
+        "{0} holds no frames (/adagio/frame), so there is nothing to repeat or to go on from: begin again \
          with `adagio run SCENARIO`, where the folder of a run keeps its scenario.toml"
     )]
-    NoFrames {
-        /// The run.
-        path: PathBuf,
-        /// Messages on that topic.
-        found: u64,
-        /// The topic that frames are known by.
-        topic: &'static str,
-    },
+    NoFrames(PathBuf),
     /// Its scenario, with the changes that were asked for, is not valid.
     #[error(transparent)]
     Scenario(#[from] ScenarioError),
@@ -143,8 +136,7 @@ impl Recording {
             return Err(RecordingError::NoScenario(run.to_owned()));
         }
         if recording.frames == 0 {
-            let topic = topics::FRAME.name();
-            return Err(RecordingError::NoFrames { path: run.to_owned(), found: recording.frames, topic });
+            return Err(RecordingError::NoFrames(run.to_owned()));
         }
         Ok(recording)
     }
