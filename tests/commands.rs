@@ -138,6 +138,38 @@ fn check_prints_a_complete_scenario_that_means_the_same() {
     assert_eq!(stdout(&first), stdout(&second));
 }
 
+/// What `check` says of a log's size, and the size that it has in the end.
+#[track_caller]
+fn foretold(sets: &[&str], within: f64) {
+    let folder = tempfile::tempdir().unwrap();
+    let sets: Vec<&str> = sets.iter().flat_map(|&set| ["--set", set]).collect();
+    let said = adagio(folder.path(), &[&["check", &smoke(), "--json"], &sets[..]].concat());
+    assert!(said.status.success(), "{}", stderr(&said));
+    let said: serde_json::Value = serde_json::from_str(&stdout(&said)).unwrap();
+    let run = adagio(folder.path(), &[&["run", &smoke(), "--json", "--quiet", "--out", "run"], &sets[..]].concat());
+    assert!(run.status.success(), "{}", stderr(&run));
+    let run: serde_json::Value = serde_json::from_str(&stdout(&run)).unwrap();
+    let number = |value: &serde_json::Value| value.as_f64().expect("a number");
+    let ratio = number(&said["log"]["bytes"]) / number(&run["log"]["bytes"]);
+    eprintln!("{ratio:.3} {run}");
+    assert!((ratio - 1.0).abs() < within, "{ratio}: {} was foretold, {} it is", said["log"], run["log"]);
+    assert!(
+        number(&said["log"]["measured_frames"]) < number(&run["run"]["frames"]) / 2.0,
+        "it was measured, not foretold"
+    );
+}
+
+#[test]
+fn the_size_of_a_log_is_foretold() {
+    foretold(&["actions=1000", "seed=21"], 0.2);
+}
+
+#[test]
+fn the_size_of_a_log_in_real_time_is_foretold() {
+    // Chunks are closed by time, so they are small.
+    foretold(&["actions=700", "seed=22", "agent.mode=\"realtime\"", "agent.speed=50.0", "log.flush_seconds=0.1"], 0.2);
+}
+
 #[test]
 fn a_scenario_that_needs_too_much_memory_is_refused_with_numbers_or_shrunk() {
     let folder = tempfile::tempdir().unwrap();

@@ -14,7 +14,7 @@ use adagio::log::{LogReader, Record};
 use adagio::scenario::Scenario;
 use adagio::source::{Frame, Simulated, Source};
 use adagio::world::{Action, Pose, World};
-use common::{adagio, generator, package_file, python, report, stderr, stdout};
+use common::{adagio, generator, package_file, python, report, satisfies_other_tools, stderr, stdout};
 use image::codecs::{jpeg::JpegEncoder, png::PngEncoder};
 use image::{ExtendedColorType, ImageEncoder as _};
 use rand::RngExt;
@@ -247,6 +247,7 @@ fn a_bag_of_raw_images_odometry_and_commands_is_learned_from() {
     assert!(verified.status.success(), "{}{}", stdout(&verified), stderr(&verified));
     let verified: Value = serde_json::from_slice(&verified.stdout).unwrap();
     assert_eq!(verified["digest"], report["digest"]);
+    satisfies_other_tools(&[run.join("run_000.mcap")]);
     // There is no robot to go on with.
     let resumed = adagio(folder.path(), &["resume", "run"]);
     assert_eq!(resumed.status.code(), Some(1));

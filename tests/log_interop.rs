@@ -1,5 +1,5 @@
 //! Promise: other tools open a log as it is. Read here with PyPI rosbags, and with mcap and
-//! mcap-ros2-support, and compared field by field with what was written.
+//! mcap-ros2-support, and compared field by field with what was written; and judged by the rules of `mcap doctor` and by rerun.
 //!
 //! `ADAGIO_PYTHON` names the Python (default `python3`). Without the packages the test says that
 //! it checked nothing; `ADAGIO_REQUIRE_PYTHON=1` makes that a failure.
@@ -7,10 +7,13 @@
 mod common;
 mod log_samples;
 
-use std::{collections::BTreeMap, path::Path};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
 use adagio::log::{Compression, LogOptions, LogReader, LogWriter, Record, topics};
-use common::{read_with_python, smoke_run};
+use common::{adagio, read_with_python, satisfies_other_tools, smoke_run, stderr};
 use log_samples::{Written, write_samples};
 use serde_json::{Map, Value};
 
@@ -38,7 +41,45 @@ fn rosbags_and_mcap_ros2_read_what_was_written() {
         assert_eq!(file["metadata"]["adagio"]["seed"], "7");
         assert_eq!(file["attachments"][0]["name"], "checkpoint");
         assert_eq!(file["attachments"][0]["bytes"], 5000);
+        satisfies_other_tools(&[path]);
     }
+}
+
+/// Every way in which a log comes about: the files of a run that rotates, of one that was cut off and goes on, of a replay with
+/// other settings, and what was recovered of a file that was not closed and of one that is damaged.
+#[test]
+fn other_tools_are_satisfied_with_every_kind_of_log() {
+    let folder = tempfile::tempdir().unwrap();
+    let files = |run: &str| -> Vec<PathBuf> {
+        adagio::log::log_files(&folder.path().join(run)).unwrap().into_iter().map(|(_, path)| path).collect()
+    };
+    let at = |name: &str| folder.path().join(name);
+    smoke_run(folder.path(), "rotated", &["--actions", "200", "--set", "log.file_mb=0.3"]);
+    let mut logs = files("rotated");
+    assert!(logs.len() >= 3, "{} files", logs.len());
+
+    let whole = std::fs::read(smoke_run(folder.path(), "cut", &["--actions", "120"]).join("run_000.mcap")).unwrap();
+    let unclosed = &whole[..whole.len() / 2];
+    std::fs::write(at("cut/run_000.mcap"), unclosed).unwrap();
+    std::fs::remove_file(at("cut/report.json")).unwrap();
+    let mut damaged = whole.clone();
+    damaged[whole.len() / 3] ^= 1;
+    std::fs::write(at("damaged.mcap"), damaged).unwrap();
+    for (arguments, codes) in [
+        (&["resume", "cut", "--quiet"][..], [0, 0]),
+        (&["recover", "cut/run_000.mcap", "--out", "closed.mcap"], [0, 3]),
+        (&["recover", "damaged.mcap", "--out", "mended.mcap"], [3, 3]),
+        (&["replay", "rotated", "--set", "slow.features=20", "--out", "other", "--quiet"], [0, 0]),
+    ] {
+        let output = adagio(folder.path(), arguments);
+        assert!(codes.contains(&output.status.code().unwrap()), "{arguments:?}: {}", stderr(&output));
+    }
+    // The file that was cut off has no end, and no tool is satisfied with that; what was recovered of it has.
+    logs.extend(files("cut").into_iter().skip(1));
+    logs.extend(files("other"));
+    logs.extend(["closed.mcap", "mended.mcap"].map(at));
+    assert!(logs.len() >= 7, "{logs:?}");
+    satisfies_other_tools(&logs);
 }
 
 #[test]

@@ -1,8 +1,11 @@
 //! Promise: the files of a run's log hold every message exactly once and in order, whatever happens to a file: it is closed for
 //! its size or age, deleted for the budget, cannot be written at any call, or vanishes. What cannot be kept is told.
 
+mod common;
+
 use std::collections::BTreeMap;
 use std::io::{self, Cursor, Write};
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
@@ -15,6 +18,7 @@ use adagio::log::{
     Compression, Ending, Expected, LogError, LogOptions, LogReader, Record, Rotation, RunLog, RunTotals, Storage, cdr,
     topics,
 };
+use common::satisfies_other_tools;
 
 // ---- a disk in memory
 
@@ -151,7 +155,15 @@ fn create(disk: &Shared, rotation: Rotation) -> Result<RunLog, LogError> {
 fn image(number: u32) -> Image {
     let mut data = vec![0; 600];
     ChaCha8Rng::seed_from_u64(number.into()).fill(&mut data[..]);
-    Image { header: Header::new(u64::from(number), "camera"), data, ..Image::default() }
+    Image {
+        header: Header::new(u64::from(number), "camera"),
+        height: 20,
+        width: 30,
+        encoding: "mono8".into(),
+        step: 30,
+        data,
+        ..Image::default()
+    }
 }
 
 fn stamp_ns(number: u32) -> u64 {
@@ -427,6 +439,34 @@ fn assert_whole(disk: &Shared, totals: &RunTotals, what: &str) {
     assert!(!found.endings.iter().any(|ending| matches!(ending, Ending::Damaged { .. })), "{what}");
     let counted = (totals.files, totals.bytes, totals.messages);
     assert_eq!(counted, (found.endings.len() as u64, found.bytes, found.messages()), "{what}");
+}
+
+/// The files that were closed, in a folder.
+fn closed_files(disk: &Shared, folder: &Path, name: &str) -> Vec<PathBuf> {
+    let mut files = Vec::new();
+    for (number, bytes) in &disk.disk().files {
+        let mut reader = LogReader::new(Cursor::new(bytes.as_slice()), "test");
+        reader.by_ref().for_each(drop);
+        if reader.ending() == Some(&Ending::Complete) {
+            files.push(folder.join(format!("{name}_{number}.mcap")));
+            std::fs::write(&files[files.len() - 1], bytes).unwrap();
+        }
+    }
+    files
+}
+
+#[test]
+fn other_tools_are_satisfied_with_what_a_failing_disk_leaves() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut files = Vec::new();
+    for call in (1..=calls_of_a_short_run(None)).step_by(25) {
+        let disk = Shared::with(Fault::At(call, call));
+        if short_run(&disk, None).2.is_ok() {
+            files.extend(closed_files(&disk, folder.path(), &call.to_string()).into_iter().next_back());
+        }
+    }
+    assert!(files.len() >= 4, "{files:?}");
+    satisfies_other_tools(&files);
 }
 
 #[test]

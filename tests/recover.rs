@@ -9,7 +9,7 @@ use std::io::Cursor;
 use std::path::Path;
 
 use adagio::log::{Compression, Ending, LogOptions, LogReader, LogWriter, Record, Recovered, recover_into, summarise};
-use common::{CHUNK, adagio, read_with_python, records_of, smoke_run, stderr, stdout};
+use common::{CHUNK, adagio, read_with_python, records_of, satisfies_other_tools, smoke_run, stderr, stdout};
 use log_samples::{START_NS, write_samples};
 use serde_json::Value;
 
@@ -317,6 +317,7 @@ fn satisfies_other_readers(path: &Path) {
             .collect();
         assert_eq!(counts, own.messages, "{reader} on {}", path.display());
     }
+    satisfies_other_tools(&[path.to_owned()]);
 }
 
 #[test]

@@ -213,16 +213,5 @@ pub fn run(scenario: &Arc<adagio::scenario::Scenario>) -> u64 {
     let world = Arc::new(adagio::world::World::new(scenario).expect("a scenario without image files"));
     let mut source = adagio::source::Simulated::new(scenario.clone(), world);
     let (stop, status) = (AtomicBool::new(false), Status::default());
-    let options = RunOptions {
-        stop: &stop,
-        status: &status,
-        checkpoint: None,
-        evaluator: None,
-        recording: None,
-        most_actions: None,
-        keep: None,
-        state: None,
-        curve: Vec::new(),
-    };
-    adagio::agent::run(scenario, &mut source, log, options).expect("a run").frames
+    adagio::agent::run(scenario, &mut source, log, RunOptions::new(&stop, &status)).expect("a run").frames
 }

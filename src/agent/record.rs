@@ -35,15 +35,40 @@ pub enum Level {
     Error,
 }
 
-/// The log actor: do all writes in their order, flush on time, and close the file at the end.
-pub fn write_log(inbox: &Inbox<Write>, mut log: RunLog, flush: Duration) -> Result<RunTotals, LogError> {
+/// The log actor: do all writes in their order, flush on time, and close the file at the end. With `by_stamps` that time is
+/// told by the stamps of the messages, so many times faster than they say.
+pub fn write_log(
+    inbox: &Inbox<Write>,
+    mut log: RunLog,
+    flush: Duration,
+    by_stamps: Option<f64>,
+) -> Result<RunTotals, LogError> {
+    let begin = Instant::now();
+    let mut first_stamp = None;
+    let mut busy = Duration::ZERO;
     loop {
-        match inbox.take_within(flush / 4) {
+        let taken = inbox.take_within(flush / 4);
+        let woken = Instant::now();
+        match taken {
             Ok(Some(write)) => write(&mut log)?,
             Ok(None) => {}
-            Err(Closed) => return log.finish(),
+            Err(Closed) => {
+                let mut totals = log.finish()?;
+                totals.busy = busy + woken.elapsed();
+                return Ok(totals);
+            }
         }
-        log.tick(Instant::now())?;
+        log.tick(match by_stamps {
+            None => woken,
+            Some(speed) => {
+                if first_stamp.is_none() && log.stamp_ns() > 0 {
+                    first_stamp = Some(log.stamp_ns());
+                }
+                let passed = log.stamp_ns().saturating_sub(first_stamp.unwrap_or_default());
+                begin + Duration::from_nanos(passed).div_f64(speed)
+            }
+        })?;
+        busy += woken.elapsed();
     }
 }
 

@@ -77,6 +77,26 @@ pub struct RunOptions<'a> {
     pub state: Option<Parts>,
     /// Evaluations before that state.
     pub curve: Vec<CurvePoint>,
+    /// Times real time at which the log's timed flushes follow the stamps of its messages; `None`: they follow the clock.
+    pub flush_by_stamps: Option<f64>,
+}
+
+impl<'a> RunOptions<'a> {
+    /// A new run of which nothing is kept but its log.
+    pub fn new(stop: &'a AtomicBool, status: &'a Status) -> Self {
+        RunOptions {
+            stop,
+            status,
+            checkpoint: None,
+            evaluator: None,
+            recording: None,
+            most_actions: None,
+            keep: None,
+            state: None,
+            curve: Vec::new(),
+            flush_by_stamps: None,
+        }
+    }
 }
 
 /// One evaluation during a run.
@@ -207,7 +227,8 @@ pub(super) fn run_in_turns(
 
     let parts = std::thread::scope(|scope| -> Result<_, RunError> {
         let crew = Crew { scope, failed: &failed, ended: &ended, turns };
-        let log_thread = crew.start("log", move || Ok(write_log(&writes_in, log, flush)?))?;
+        let by_stamps = options.flush_by_stamps;
+        let log_thread = crew.start("log", move || Ok(write_log(&writes_in, log, flush, by_stamps)?))?;
         crew.start("source", move || {
             supply.run(source);
             Ok(())

@@ -150,17 +150,7 @@ impl Run<'_> {
         let (stop, status, given) = (AtomicBool::new(false), Status::default(), AtomicU64::new(0));
         let robot = Simulated::new(self.scenario.clone(), self.world.clone());
         let mut source = Counting { robot, given: &given, stop_at: self.stop_at, stop: &stop };
-        let options = RunOptions {
-            stop: &stop,
-            status: &status,
-            checkpoint: None,
-            evaluator: None,
-            recording: self.recording,
-            most_actions: None,
-            keep: self.keep,
-            state: None,
-            curve: Vec::new(),
-        };
+        let options = RunOptions { recording: self.recording, keep: self.keep, ..RunOptions::new(&stop, &status) };
         let outcome = run_in_turns(self.scenario, &mut source, log, options, self.turns.as_ref());
         let stuck = self.turns.and_then(|turns| turns.deadlock());
         assert_eq!(stuck, None);

@@ -3,13 +3,17 @@
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
+use std::sync::Arc;
 
 use serde::Serialize;
 
+use super::drive::{log_options, metadata};
 use super::{CheckArgs, Ending, folder, print, print_json, run::load};
-use crate::agent::{Memory, machine_memory};
+use crate::agent::{LogForecast, Memory, machine_memory};
 use crate::log::{Ending as LogEnding, LogSummary, summarise};
-use crate::report::Numbered;
+use crate::report::{Numbered, Origin};
+use crate::scenario::Scenario;
+use crate::world::World;
 
 /// Check a scenario, or the logs of a run.
 pub fn check(args: &CheckArgs) -> Ending {
@@ -31,6 +35,8 @@ struct Sizes {
     machine_memory_bytes: Option<u64>,
     /// Length of the run, frames.
     frames: u64,
+    /// Size of the log.
+    log: LogForecast,
 }
 
 fn scenario(args: &CheckArgs) -> Ending {
@@ -39,6 +45,10 @@ fn scenario(args: &CheckArgs) -> Ending {
         Err(ending) => return ending,
     };
     let memory = Memory::of(&scenario);
+    let log = match forecast(&scenario) {
+        Ok(log) => log,
+        Err(reason) => return Ending::Failed(reason),
+    };
     let sizes = Sizes {
         valid: true,
         name: scenario.name.clone(),
@@ -47,6 +57,7 @@ fn scenario(args: &CheckArgs) -> Ending {
         memory_parts: memory.parts.iter().copied().collect(),
         machine_memory_bytes: machine_memory(),
         frames: (scenario.actions * scenario.robot.frames_per_action) as u64 + 1,
+        log,
     };
     if args.json {
         return print_json(&sizes);
@@ -60,7 +71,29 @@ fn scenario(args: &CheckArgs) -> Ending {
         sizes.memory_bytes as f64 / 1e6,
         parts.join(", ")
     );
+    let log = &sizes.log;
+    let budget = scenario.log.budget_mb.filter(|budget| 1e6 * budget < log.bytes as f64);
+    let kept =
+        budget.map(|budget| format!("; log.budget_mb keeps the last {:.1} h", 1e6 * budget / log.bytes_per_hour));
+    eprintln!(
+        "its log takes about {:.1} MB for {:.1} h of driving: {:.1} MB an hour, as {} frames show, and at the end {:.1} MB \
+         for what was learned{}",
+        log.bytes as f64 / 1e6,
+        log.hours,
+        log.bytes_per_hour / 1e6,
+        Numbered(log.measured_frames),
+        log.learned_bytes as f64 / 1e6,
+        kept.unwrap_or_default()
+    );
     print(&scenario.text)
+}
+
+/// How large the log of a run will be.
+fn forecast(scenario: &Scenario) -> Result<LogForecast, String> {
+    let world = Arc::new(World::new(scenario).map_err(|error| error.to_string())?);
+    let (options, rotation) = log_options(scenario);
+    let metadata = metadata(scenario, &Origin::default());
+    LogForecast::of(scenario, &world, &options, rotation, &metadata).map_err(|error| error.to_string())
 }
 
 /// What `--json` prints of one log file.

@@ -55,8 +55,6 @@ impl Drive<'_> {
         let most = self.most_actions.unwrap_or(u64::MAX).min(scenario.actions as u64);
         let outcome = watched(self.quiet, self.likely_actions.unwrap_or(u64::MAX).min(most), |status| {
             let options = RunOptions {
-                stop: self.stop,
-                status,
                 checkpoint: Some(&checkpoint),
                 evaluator: evaluator.as_ref(),
                 recording: self.recording,
@@ -64,6 +62,7 @@ impl Drive<'_> {
                 keep: self.keep.then(|| Keep { path: state.clone(), every: scenario.agent.keep_every() }),
                 state: self.state,
                 curve: self.curve,
+                ..RunOptions::new(self.stop, status)
             };
             agent::run(scenario, &mut *source, log, options)
         });

@@ -163,15 +163,9 @@ fn compared(
     let most_actions = recording.course.decisions() + u64::from(!recording.closed);
     let outcome = watched(args.quiet, most_actions, |status| {
         let options = RunOptions {
-            stop,
-            status,
-            checkpoint: None,
-            evaluator: None,
             recording: Some(&recording.course),
             most_actions: Some(most_actions),
-            keep: None,
-            state: None,
-            curve: Vec::new(),
+            ..RunOptions::new(stop, status)
         };
         agent::run(scenario, &mut source, log, options)
     });

@@ -146,6 +146,8 @@ pub struct Log {
     pub bytes: u64,
     /// Messages that this program wrote, in all files.
     pub messages: u64,
+    /// Time that writing took its thread, seconds.
+    pub busy_seconds: f64,
     /// Files that were deleted to stay within the budget.
     pub deleted_files: u64,
     /// Files that could not be written any further, and why; no message was lost.
@@ -208,6 +210,7 @@ impl Report {
                 files: outcome.log.files,
                 bytes: outcome.log.bytes,
                 messages: outcome.log.messages,
+                busy_seconds: outcome.log.busy.as_secs_f64(),
                 deleted_files: outcome.log.deleted_files,
                 failures: outcome.log.failures.clone(),
             },

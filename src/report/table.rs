@@ -87,9 +87,10 @@ pub fn table(report: &Report) -> String {
     );
     let _ = writeln!(
         text,
-        "log {:.1} MB in {} messages; {}{}peak memory {}",
+        "log {:.1} MB in {} messages, {:.1} % of the time; {}{}peak memory {}",
         report.log.bytes as f64 / 1e6,
         Numbered(report.log.messages),
+        100.0 * report.log.busy_seconds / run.seconds,
         counted(run.dropped_frames, "frames dropped; "),
         counted(run.quarantined_frames, "frames left out, not finite; "),
         report.memory.peak_rss_bytes.map_or("unknown".to_owned(), |bytes| format!("{:.0} MB", bytes as f64 / 1e6)),

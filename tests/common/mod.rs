@@ -135,6 +135,15 @@ pub fn read_with_python(path: &Path) -> Option<Value> {
     Some(serde_json::from_str(&printed).unwrap())
 }
 
+/// Demand that other people's tools are satisfied with logs; see `tests/python/judge_log.py`.
+pub fn satisfies_other_tools(logs: &[PathBuf]) {
+    assert!(!logs.is_empty());
+    let names: Vec<&str> = logs.iter().map(|path| path.to_str().unwrap()).collect();
+    if let Some(printed) = python("judge_log.py", &names) {
+        assert_eq!(printed.trim(), format!("{} logs", logs.len()));
+    }
+}
+
 /// What a script of `tests/python` prints, which must succeed; `None` if its packages are missing, and that is allowed.
 ///
 /// `ADAGIO_PYTHON` names the Python (default `python3`); `ADAGIO_REQUIRE_PYTHON=1` makes missing packages a failure.

@@ -47,6 +47,8 @@ pub struct RunTotals {
     pub deleted_files: u64,
     /// Bytes in these.
     pub deleted_bytes: u64,
+    /// Time that the thread which writes them spent on it.
+    pub busy: Duration,
     /// Files that could not be written any further, and why. No message was lost in them.
     pub failures: Vec<String>,
     /// How far a recording was repeated, if there was one to compare with.
@@ -238,6 +240,11 @@ impl RunLog {
         }
         self.opened.get_or_insert(now);
         self.rotate_if_due(Some(now))
+    }
+
+    /// The stamp of the newest message, nanoseconds; 0 if there is none.
+    pub fn stamp_ns(&self) -> u64 {
+        self.stamp_ns
     }
 
     /// Hand everything to the operating system.
