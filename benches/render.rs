@@ -37,7 +37,7 @@ fn render_and_expose(bencher: Bencher, camera: (&str, &str)) {
     let (mut poses, mut sensor) = (lab.poses.iter().cycle(), lab.sensor());
     bencher.counter(ItemsCount::new(1u32)).bench_local(|| {
         lab.render(&mut poses, &mut image);
-        sensor.expose(&mut image);
+        sensor.expose(&mut image, 1.0);
     });
 }
 
@@ -61,7 +61,7 @@ fn render_expose_and_observe(bencher: Bencher, camera: (&str, &str)) {
     let (mut observer, mut pixels) = (Observer::default(), Vec::new());
     bencher.counter(ItemsCount::new(1u32)).bench_local(|| {
         lab.render(&mut poses, &mut image);
-        sensor.expose(&mut image);
+        sensor.expose(&mut image, 1.0);
         observer.observe(&image, &lab.scenario.vision, &mut pixels);
     });
 }
@@ -74,7 +74,7 @@ fn all_in_new_memory(bencher: Bencher, camera: (&str, &str)) {
     bencher.counter(ItemsCount::new(1u32)).bench_local(|| {
         let mut image = Image::default();
         lab.render(&mut poses, &mut image);
-        sensor.expose(&mut image);
+        sensor.expose(&mut image, 1.0);
         observe(&image, &lab.scenario.vision, 0)
     });
 }
@@ -117,6 +117,6 @@ impl Lab {
     }
 
     fn render<'a>(&self, poses: &mut impl Iterator<Item = &'a Pose>, image: &mut Image) {
-        self.world.camera.render_into(poses.next().expect("a pose"), image);
+        self.world.looks.camera(0).render_into(poses.next().expect("a pose"), image);
     }
 }

@@ -60,7 +60,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let look = |(t, pose): (usize, &Pose)| {
             let mut wide = Observation { frame: t as u64, pixels: Vec::new() };
             for side in EYES {
-                let image = world.camera.render(&turned(pose, side * EYE_DEG));
+                let image = world.looks.camera(0).render(&turned(pose, side * EYE_DEG));
                 wide.pixels.extend(observe(&image, &scenario.vision, t as u64).pixels);
             }
             wide

@@ -113,7 +113,7 @@ fn the_camera_sees_floor_below_walls_below_surroundings_in_perspective() {
         "world.wall.1.hue=0",
     ]);
     // 1.5 m in front of the wall at x = 3, lens 0.5 m above the floor.
-    let image = world.camera.render(&Pose::new(Point2::new(1.5, 0.9), 0.0));
+    let image = world.looks.camera(0).render(&Pose::new(Point2::new(1.5, 0.9), 0.0));
     let focal = 160.0 / 33f64.to_radians().tan();
     let column = image.width / 2;
     let colour = |row: usize| {
@@ -134,11 +134,11 @@ fn the_camera_sees_floor_below_walls_below_surroundings_in_perspective() {
 #[test]
 fn exposure_and_noise_change_pixels_and_vision_undoes_most_of_it() {
     let (scenario, world) = lab(&[]);
-    let clean = world.camera.render(&Pose::new(Point2::new(1.0, 0.7), 1.0));
+    let clean = world.looks.camera(0).render(&Pose::new(Point2::new(1.0, 0.7), 1.0));
     let target = observe(&clean, &scenario.vision, 0);
     for seed in 0..20 {
         let mut exposed = clean.clone();
-        Sensor::new(&scenario, 0.2, stream(seed, "test")).expose(&mut exposed);
+        Sensor::new(&scenario, 0.2, stream(seed, "test")).expose(&mut exposed, 1.0);
         assert_ne!(exposed, clean);
         let seen = observe(&exposed, &scenario.vision, 0);
         let worst = seen.pixels.iter().zip(&target.pixels).map(|(&a, &b)| a.abs_diff(b)).max().unwrap();
@@ -152,7 +152,7 @@ fn a_lens_hardly_above_the_floor_sees_floor_below_the_horizon() {
     for height in [97, 241] {
         let (_, world) = lab(&[&format!("camera.height={height}"), "camera.mount_height=1e-17"]);
         for pose in poses(20) {
-            let image = world.camera.render(&pose);
+            let image = world.looks.camera(0).render(&pose);
             assert_eq!(image.rgb.len(), 3 * 320 * height);
         }
     }
@@ -190,7 +190,7 @@ fn samples_for_vision_are_the_pixels_of_a_small_camera_with_the_same_view() {
     let (mut pixels, mut same, mut same_moved) = (0, 0, [0; 4]);
     let equal = |a: &[u8], b: &[u8]| a.chunks_exact(3).zip(b.chunks_exact(3)).filter(|(a, b)| a == b).count();
     for pose in poses(400) {
-        let image = world.camera.render(&pose);
+        let image = world.looks.camera(0).render(&pose);
         assert_eq!((image.width, image.height, image.cropped), (128, 64, true));
         let known = small.camera.render(&pose);
         let known = &known.rgb[3 * 128 * 32..];
@@ -215,7 +215,7 @@ fn what_vision_makes_of_samples_is_nearest_to_the_full_image_where_it_is() {
     let seen = |image: &Image| observe(image, &scenario.vision, 0).pixels;
     let (mut in_place, mut moved) = (0, [0; 4]);
     for pose in poses(100) {
-        let full = seen(&world.camera.render(&pose));
+        let full = seen(&world.looks.camera(0).render(&pose));
         let samples = sampled.camera.render(&pose);
         let error = |image: &Image| -> u64 {
             full.iter().zip(seen(image)).map(|(&a, b)| u64::from(a.abs_diff(b)).pow(2)).sum()
@@ -232,7 +232,7 @@ fn what_vision_makes_of_samples_is_nearest_to_the_full_image_where_it_is() {
 fn watch(detail: &str, keys: &[&str], frames: usize) -> Vec<Vec<f64>> {
     let detail = format!("camera.detail={detail}");
     let (scenario, world) = lab(&[&["vision.brightness=0", &detail], keys].concat());
-    let clean = world.camera.render(&Pose::new(Point2::new(1.0, 0.7), 1.0));
+    let clean = world.looks.camera(0).render(&Pose::new(Point2::new(1.0, 0.7), 1.0));
     let mut sensor = Sensor::new(&scenario, 0.2, stream(5, "test"));
     // Noise goes no further down than this, and must not reach white.
     let deepest = 3.31 * scenario.camera.pixel_noise;
@@ -240,7 +240,7 @@ fn watch(detail: &str, keys: &[&str], frames: usize) -> Vec<Vec<f64>> {
     let mut image = clean.clone();
     let look = |_| {
         image.rgb.copy_from_slice(&clean.rgb);
-        sensor.expose(&mut image);
+        sensor.expose(&mut image, 1.0);
         assert!(image.rgb.iter().all(|&value| value < 255), "a pixel may be cut at white");
         observe(&image, &scenario.vision, 0).pixels.into_iter().map(f64::from).collect()
     };

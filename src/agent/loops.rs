@@ -57,13 +57,18 @@ impl Supply<'_> {
     /// The source actor: the first frame, then the frames of each action. The last frame of an action is never dropped: nothing
     /// comes after it before it was seen and answered.
     pub fn run(self, source: &mut (dyn Source + Send)) {
-        let mut first_ns = None;
+        let (mut first_ns, mut next) = (None, None);
         let begin = Instant::now();
         let mut give = |frame: Frame| {
             let first_ns = *first_ns.get_or_insert(frame.stamp_ns);
             if let Some(speed) = self.speed {
                 let due = Duration::from_nanos(frame.stamp_ns.saturating_sub(first_ns)).div_f64(speed);
                 std::thread::sleep(due.saturating_sub(begin.elapsed()));
+            }
+            // A camera may lose frames, too.
+            let lost = next.replace(frame.number + 1).map_or(0, |next| frame.number.saturating_sub(next));
+            if lost > 0 {
+                self.status.update(|s| s.dropped += lost);
             }
             let frame = Item::Work(frame);
             let Some(taker) = &self.drop_from else { return self.frames.put(frame).is_ok() };

@@ -60,13 +60,14 @@ pub fn decode_pose(
     let mut rng = stream(seed, "evaluate: poses to decode");
     let cells: Vec<Point2<f64>> = world.plan.reachable_cells().collect();
     let poses: Vec<Pose> = (0..train + test).map(|_| draw_pose(&world.plan, &cells, &mut rng, |_| false)).collect();
+    let frame = learned.asked_at + 1;
     let seen: Vec<_> = poses
         .par_iter()
         .enumerate()
         .map_init(Image::default, |image, (index, pose)| {
             let noise = stream(seed, &format!("evaluate: camera of pose {index}"));
-            world.camera.render_into(pose, image);
-            Sensor::new(scenario, scenario.robot.frame_seconds(), noise).expose(image);
+            world.looks.camera(frame).render_into(pose, image);
+            Sensor::new(scenario, scenario.robot.frame_seconds(), noise).expose(image, world.looks.light(frame));
             observe(image, &scenario.vision, index as u64)
         })
         .collect();

@@ -106,7 +106,8 @@ impl Evaluator {
         evaluator
     }
 
-    /// Results of all tasks; `without_reflexes`: also run the trials of the policy alone.
+    /// Results of all tasks, in the world as it looks right behind the last frame that the model knows; `without_reflexes`:
+    /// also run the trials of the policy alone.
     pub fn evaluate(&self, learned: &Learned, without_reflexes: bool) -> Vec<TaskResult> {
         let reflexes = Reflexes::new(&self.scenario.policy);
         (0..self.starts.len())
@@ -164,13 +165,14 @@ impl Evaluator {
     /// All trials of a task, one step of all of them at a time: seen and judged side by side, then driven.
     fn run(&self, learned: &Learned, task: usize, reflexes: Reflexes) -> Outcome {
         let mut trials = self.begin(task);
+        let frame = learned.asked_at + 1;
         for _ in 0..self.scenario.evaluate.max_steps {
             let mut active: Vec<&mut Trial> = trials.iter_mut().filter(|trial| !trial.arrived).collect();
             if active.is_empty() {
                 break;
             }
             let judge = |image: &mut Image, trial: &mut &mut Trial| {
-                self.look(trial, image);
+                self.look(trial, image, frame);
                 learned.q_values(&trial.seen, task)
             };
             let values: Vec<[f64; 3]> = active.par_iter_mut().map_init(Image::default, judge).collect();
@@ -216,10 +218,10 @@ impl Evaluator {
         self.starts[task].iter().enumerate().map(begin).collect()
     }
 
-    /// What a robot sees from where it is, in place of what it saw before.
-    fn look(&self, trial: &mut Trial, image: &mut Image) {
-        self.world.camera.render_into(&trial.robot.pose, image);
-        trial.sensor.expose(image);
+    /// What a robot sees from where it is, in place of what it saw before, in the world as it looks at a frame.
+    fn look(&self, trial: &mut Trial, image: &mut Image, frame: u64) {
+        self.world.looks.camera(frame).render_into(&trial.robot.pose, image);
+        trial.sensor.expose(image, self.world.looks.light(frame));
         trial.observer.observe(image, &self.scenario.vision, &mut trial.seen.pixels);
     }
 

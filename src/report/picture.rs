@@ -326,7 +326,7 @@ fn seen_headings(area: &Area<'_>, scenario: &Scenario, known: bool) -> Result<()
 
 /// The camera image from a pose, and the observation that is made of it, as SVG elements.
 fn images(scenario: &Scenario, world: &World, pose: &Pose) -> Result<String, PictureError> {
-    let frame = world.camera.render(pose);
+    let frame = world.looks.camera(u64::MAX).render(pose);
     let observation = observe(&frame, &scenario.vision, 0);
     let vision = &scenario.vision;
     let first = element("the camera image", (frame.width, frame.height), &frame.rgb, FRAME_TOP, FRAME_HEIGHT)?;

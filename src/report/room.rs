@@ -108,8 +108,9 @@ impl Survey {
             .par_chunks(BLOCK)
             .map(|block| {
                 let poses = block.iter().flat_map(|&place| (0..HEADINGS).map(move |h| Pose::new(place, angle(h))));
-                let seen: Vec<_> =
-                    poses.map(|pose| observe(&world.camera.render(&pose), &scenario.vision, 0)).collect();
+                let seen: Vec<_> = poses
+                    .map(|pose| observe(&world.looks.camera(learned.asked_at + 1).render(&pose), &scenario.vision, 0))
+                    .collect();
                 let judge = |task| {
                     let highest = |q: [f64; 3]| q.into_iter().fold(f64::NEG_INFINITY, f64::max);
                     let best: Vec<f64> = seen.iter().map(|seen| highest(learned.q_values(seen, task))).collect();
@@ -227,7 +228,7 @@ impl Shown<'_> {
     }
 
     fn walls(&self, chart: &mut Chart<'_>) -> Result<(), DrawError> {
-        let colours = self.world.camera.wall_colours();
+        let colours = self.world.looks.camera(u64::MAX).wall_colours();
         let walls = &self.scenario.world.walls;
         let pieces = |width: u32, colour: &dyn Fn(usize) -> RGBColor| {
             let pieces = walls.iter().enumerate().flat_map(|(index, wall)| {

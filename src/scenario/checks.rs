@@ -2,6 +2,7 @@
 
 use nalgebra::Point2;
 
+use super::change::Happens;
 use super::keys::Reader;
 use super::plan::{Plan, PlanFault, clearance};
 use super::sections::{Detail, Mode, Scenario, WhenBehind};
@@ -10,6 +11,7 @@ use super::sections::{Detail, Mode, Scenario, WhenBehind};
 pub(super) fn check(s: &Scenario, reader: &mut Reader<'_>) {
     counts(s, reader);
     modes(s, reader);
+    changes(s, reader);
     tasks(s, reader);
     if s.world.walls.is_empty() {
         if reader.sound(&["world"]) {
@@ -82,6 +84,20 @@ fn counts(s: &Scenario, reader: &mut Reader<'_>) {
             s.agent.resolve_frames - 1
         );
         reader.fault_at("agent.latency_frames", text);
+    }
+}
+
+fn changes(s: &Scenario, reader: &mut Reader<'_>) {
+    let walls = s.world.walls.len();
+    for (index, change) in s.changes.iter().enumerate() {
+        let key = format!("change.{index}.wall");
+        if let Happens::Paper { wall, .. } = change.what
+            && wall >= walls
+            && walls > 0
+            && reader.sound(&[&key, "world.wall"])
+        {
+            reader.fault_at(&key, format!("= {wall} is not there: it must be in [0, {}]", walls - 1));
+        }
     }
 }
 

@@ -4,12 +4,14 @@
 //! its line, key, value and allowed range. [`Scenario::text`] is the complete file with every default filled in and
 //! every key explained; reading it again gives the same scenario.
 
+mod change;
 mod checks;
 mod keys;
 mod plan;
 mod sections;
 mod topics;
 
+pub use change::{Change, Happens};
 pub use keys::Fault;
 pub use plan::{Plan, PlanFault, segments_of as plan_segments};
 pub use sections::*;

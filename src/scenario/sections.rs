@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::Topics;
+use super::change::Change;
 use super::keys::{Range, Reader, Section};
 use crate::dictionary::WhenFull;
 use crate::log::{Compression, MAX_CHUNK_TARGET_BYTES};
@@ -40,6 +41,8 @@ pub struct Scenario {
     pub log: Log,
     /// `[topics]`
     pub topics: Topics,
+    /// `[[change]]`
+    pub changes: Vec<Change>,
     /// `[[task]]`, at least one.
     pub tasks: Vec<Task>,
     /// The complete file, every default filled in.
@@ -420,6 +423,7 @@ impl Scenario {
                 "evaluate",
                 "log",
                 "topics",
+                "change",
                 "task",
             ]);
             (
@@ -455,6 +459,8 @@ impl Scenario {
             evaluate: reader.section("evaluate", "", Evaluate::read),
             log: reader.section("log", "", Log::read),
             topics: reader.section("topics", "what another program's log calls its things", Topics::read),
+            changes: reader
+                .sections("change", "what changes while the robot drives", |s, index| Change::read(s, base, index)),
             tasks: reader.sections("task", "", Task::read),
             text: String::new(),
         }
@@ -496,6 +502,11 @@ impl Defaults {
 }
 
 impl Texture {
+    /// Another texture of a wall; each change has its own unless the file says otherwise.
+    pub(super) fn new_paper(s: &mut Section<'_, '_>, base: &Path, index: usize) -> Self {
+        Texture::read(s, base, Defaults { seed: index + 501, ..Defaults::wall(index + 2) })
+    }
+
     fn read(s: &mut Section<'_, '_>, base: &Path, d: Defaults) -> Self {
         const PATTERNS: [(&str, Pattern); 4] = [
             ("plain", Pattern::Plain),

@@ -8,7 +8,7 @@ use super::{Boundary, Frame, Source, View, boundary};
 use crate::parts::{Parts, PartsError};
 use crate::random::stream;
 use crate::scenario::Scenario;
-use crate::world::{Action, Pose, Robot, Sensor, World};
+use crate::world::{Action, Image, Pose, Robot, Sensor, World};
 
 /// Simulated time begins on 2000-01-01 00:00 UTC, so that the log of a seed is the same whenever it is run, and viewers that
 /// want plausible dates are content.
@@ -21,6 +21,8 @@ pub struct Simulated {
     robot: Robot,
     sensor: Sensor,
     number: u64,
+    /// The newest picture, where the camera is about to freeze.
+    picture: Option<Image>,
 }
 
 impl Simulated {
@@ -29,14 +31,13 @@ impl Simulated {
         let start = Pose::new(Point2::from(scenario.robot.start), scenario.robot.start_heading_deg.to_radians());
         let robot = Robot::new(&scenario.robot, start, stream(scenario.seed, "motion"));
         let sensor = Sensor::new(&scenario, scenario.robot.frame_seconds(), stream(scenario.seed, "camera"));
-        Simulated { scenario, world, robot, sensor, number: 0 }
+        Simulated { scenario, world, robot, sensor, number: 0, picture: None }
     }
 
     fn frame(&mut self, action: Option<Action>, boundary: Option<Boundary>) -> Frame {
-        let mut image = self.world.camera.render(&self.robot.pose);
-        self.sensor.expose(&mut image);
         let number = self.number;
         self.number += 1;
+        let image = self.picture(number);
         let seconds = number as f64 * self.scenario.robot.frame_seconds();
         Frame {
             number,
@@ -48,6 +49,20 @@ impl Simulated {
             action,
             boundary,
         }
+    }
+
+    fn picture(&mut self, number: u64) -> Image {
+        let looks = &self.world.looks;
+        let mut image = looks.camera(number).render(&self.robot.pose);
+        // A camera that is frozen goes on exposing, so that what comes afterwards is what it would have been.
+        self.sensor.expose(&mut image, looks.light(number));
+        if looks.is_frozen(number)
+            && let Some(picture) = &self.picture
+        {
+            image = picture.clone();
+        }
+        self.picture = looks.is_frozen(number + 1).then(|| image.clone());
+        image
     }
 
     fn boundary(&self, blocked: bool) -> Boundary {
@@ -68,7 +83,10 @@ impl Source for Simulated {
         for index in 1..=frames {
             blocked |= self.robot.drive(motion, &self.world.arena);
             let boundary = (index == frames).then(|| self.boundary(blocked));
-            if !give(self.frame(Some(action), boundary)) {
+            let lost = boundary.is_none() && self.world.looks.is_lost(self.number);
+            let frame = self.frame(Some(action), boundary);
+            // It was taken, as without the loss, and never arrives.
+            if !lost && !give(frame) {
                 break;
             }
         }
@@ -78,6 +96,15 @@ impl Source for Simulated {
     fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
         parts.inner("robot", &mut self.robot)?;
         parts.inner("sensor", &mut self.sensor)?;
-        parts.value("number", &mut self.number)
+        parts.value("number", &mut self.number)?;
+        if self.world.looks.is_frozen(self.number) {
+            let mut picture = self.picture.take().unwrap_or_default();
+            parts.value("width", &mut picture.width)?;
+            parts.value("height", &mut picture.height)?;
+            parts.value("cropped", &mut picture.cropped)?;
+            parts.numbers("picture", &mut picture.rgb)?;
+            self.picture = Some(picture);
+        }
+        Ok(())
     }
 }

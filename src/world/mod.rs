@@ -1,12 +1,13 @@
 //! The simulated world: walls and a wheeled robot among them, sonar, ceiling camera, and what the robot's camera sees.
 //!
-//! A [`World`] holds what does not change; a [`Robot`] in it is a pose and a noise generator. Any number of robots can
+//! A [`World`] holds what all robots have in common; a [`Robot`] in it is a pose and a noise generator. Any number of robots can
 //! drive in the same world without noticing each other, which is how evaluation runs trials beside a live run.
 
 mod arena;
 mod body;
 mod camera;
 mod image;
+mod looks;
 mod noise;
 mod sensor;
 mod texture;
@@ -16,6 +17,7 @@ pub(crate) use body::drive;
 pub use body::{Action, FrameMotion, Robot};
 pub use camera::Camera;
 pub use image::Image;
+pub use looks::Looks;
 pub use sensor::Sensor;
 
 use nalgebra::{Point2, UnitComplex, Vector2};
@@ -50,15 +52,15 @@ pub fn wrap(angle: f64) -> f64 {
     if reduced > std::f64::consts::PI { reduced - turn } else { reduced }
 }
 
-/// Everything of a scenario's world that does not change.
+/// A scenario's world. Places do not change; how they look may, at given frames.
 #[derive(Debug)]
 pub struct World {
     /// Floor plan: distances and reachable places.
     pub plan: Plan,
     /// Walls for contacts and sonar.
     pub arena: Arena,
-    /// Walls as they look.
-    pub camera: Camera,
+    /// What the camera sees of it, frame by frame.
+    pub looks: Looks,
 }
 
 impl World {
@@ -71,7 +73,7 @@ impl World {
     /// Never for a scenario from [`Scenario::load`], whose checks include the floor plan.
     pub fn new(scenario: &Scenario) -> Result<Self, ::image::ImageError> {
         let plan = Plan::new(scenario).expect("a checked scenario has a floor plan");
-        Ok(World { plan, arena: Arena::new(&scenario.world.walls), camera: Camera::new(scenario)? })
+        Ok(World { plan, arena: Arena::new(&scenario.world.walls), looks: Looks::new(scenario)? })
     }
 
     /// Reward of a task for an action that ended at a place, as the ceiling camera sees it.

@@ -37,11 +37,11 @@ impl Sensor {
         }
     }
 
-    /// Expose one frame: change an image as the sensor would.
-    pub fn expose(&mut self, image: &mut Image) {
+    /// Expose one frame: change an image as the sensor would, in a `light` that is so many times the one it was rendered in.
+    pub fn expose(&mut self, image: &mut Image, light: f64) {
         let normal: f64 = StandardNormal.sample(&mut self.random);
         self.exposure = self.keep * self.exposure + self.stir * normal;
-        self.noise.expose(&mut image.rgb, self.exposure.exp(), self.pixel_noise);
+        self.noise.expose(&mut image.rgb, light * self.exposure.exp(), self.pixel_noise);
     }
 }
 

@@ -1,0 +1,90 @@
+//! `[[change]]`: what happens to the world and the camera while the robot drives.
+
+use std::path::Path;
+
+use super::keys::{Range, Section};
+use super::sections::Texture;
+
+/// Something that changes during the run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Change {
+    /// It happens before this action, counted from 0.
+    pub action: usize,
+    /// What happens.
+    pub what: Happens,
+}
+
+/// What happens.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Happens {
+    /// The light becomes brighter or darker.
+    Light {
+        /// Brightness from then on, as a share of the scenario's own.
+        factor: f64,
+        /// Actions that it takes to get there, evenly; 0: at once.
+        over: usize,
+    },
+    /// A wall gets another texture.
+    Paper {
+        /// Number of the wall, from 0.
+        wall: usize,
+        /// The new one.
+        texture: Texture,
+    },
+    /// The camera gives the same picture again and again.
+    Freeze {
+        /// So many frames.
+        frames: usize,
+    },
+    /// The camera gives no picture, but for the last ones of actions.
+    Lose {
+        /// So many frames, those that are not lost among them.
+        frames: usize,
+    },
+}
+
+impl Change {
+    pub(super) fn read(s: &mut Section<'_, '_>, base: &Path, index: usize) -> Self {
+        #[derive(Clone, Copy)]
+        enum Kind {
+            Light,
+            Wall,
+            Freeze,
+            Lose,
+        }
+        const KINDS: [(&str, Kind); 4] =
+            [("light", Kind::Light), ("wall", Kind::Wall), ("freeze", Kind::Freeze), ("lose", Kind::Lose)];
+        const MOST_FRAMES: usize = 1_000_000;
+        let action = s.count("action", 0, "", 0, 1_000_000_000, "it happens before this action, counted from 0");
+        let what = match s.choice("kind", 0, &KINDS, "what happens") {
+            Kind::Light => Happens::Light {
+                factor: s.number(
+                    "factor",
+                    1.0,
+                    "",
+                    Range::within(0.05, 20.0),
+                    "brightness from then on, 1: as at first",
+                ),
+                over: s.count("over", 0, "actions", 0, 1_000_000_000, "how long it takes to get there"),
+            },
+            Kind::Wall => Happens::Paper {
+                wall: s.count("wall", 0, "", 0, 100_000, "number of the wall that is papered anew, from 0"),
+                texture: Texture::new_paper(s, base, index),
+            },
+            Kind::Freeze => Happens::Freeze {
+                frames: s.count("frames", 50, "frames", 1, MOST_FRAMES, "how long the camera gives the same picture"),
+            },
+            Kind::Lose => Happens::Lose {
+                frames: s.count(
+                    "frames",
+                    50,
+                    "frames",
+                    1,
+                    MOST_FRAMES,
+                    "how long the camera gives no pictures but the last one of each action",
+                ),
+            },
+        };
+        Change { action, what }
+    }
+}

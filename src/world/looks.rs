@@ -1,0 +1,81 @@
+//! How the world looks at a moment, where that changes during the run.
+
+use std::sync::Arc;
+
+use super::Camera;
+use crate::scenario::{Happens, Scenario};
+
+/// The looks of a scenario's world from its first frame to its last.
+#[derive(Debug)]
+pub struct Looks {
+    /// Walls as they look from a frame on, in order; the first from frame 0.
+    cameras: Vec<(u64, Arc<Camera>)>,
+    /// First frame, last frame, brightness at the end of it, in order.
+    light: Vec<(u64, u64, f64)>,
+    /// First and last frame of which the camera gives the picture before.
+    frozen: Vec<(u64, u64)>,
+    /// First and last frame that are lost.
+    lost: Vec<(u64, u64)>,
+}
+
+impl Looks {
+    /// The looks of a checked scenario.
+    ///
+    /// # Errors
+    /// A texture file that cannot be read any more.
+    pub fn new(scenario: &Scenario) -> Result<Self, ::image::ImageError> {
+        let mut looks = Looks {
+            cameras: vec![(0, Arc::new(Camera::new(scenario)?))],
+            light: Vec::new(),
+            frozen: Vec::new(),
+            lost: Vec::new(),
+        };
+        let mut changes: Vec<_> = scenario.changes.iter().collect();
+        changes.sort_by_key(|change| change.action);
+        let per_action = scenario.robot.frames_per_action as u64;
+        let mut present = scenario.clone();
+        for change in changes {
+            // Frame 0 is there before the first action.
+            let first = change.action as u64 * per_action + 1;
+            match &change.what {
+                Happens::Light { factor, over } => {
+                    looks.light.push((first, first + *over as u64 * per_action, *factor))
+                }
+                Happens::Paper { wall, texture } => {
+                    present.world.walls[*wall].texture = texture.clone();
+                    looks.cameras.push((first, Arc::new(Camera::new(&present)?)));
+                }
+                Happens::Freeze { frames } => looks.frozen.push((first, first + *frames as u64 - 1)),
+                Happens::Lose { frames } => looks.lost.push((first, first + *frames as u64 - 1)),
+            }
+        }
+        Ok(looks)
+    }
+
+    /// The walls as they look at a frame.
+    pub fn camera(&self, frame: u64) -> &Camera {
+        // The first one is from frame 0.
+        let index = self.cameras.partition_point(|(first, _)| *first <= frame);
+        &self.cameras[index - 1].1
+    }
+
+    /// Brightness at a frame, as a share of that at frame 0.
+    pub fn light(&self, frame: u64) -> f64 {
+        let mut now = 1.0;
+        for &(first, last, factor) in self.light.iter().take_while(|change| change.0 <= frame) {
+            let done = if frame >= last { 1.0 } else { (frame - first) as f64 / (last - first) as f64 };
+            now += (factor - now) * done;
+        }
+        now
+    }
+
+    /// Whether the camera gives the picture before once more.
+    pub fn is_frozen(&self, frame: u64) -> bool {
+        self.frozen.iter().any(|&(first, last)| (first..=last).contains(&frame))
+    }
+
+    /// Whether the frame is lost, unless it is the last one of its action.
+    pub fn is_lost(&self, frame: u64) -> bool {
+        self.lost.iter().any(|&(first, last)| (first..=last).contains(&frame))
+    }
+}
