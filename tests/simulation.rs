@@ -192,7 +192,7 @@ fn samples_for_vision_are_the_pixels_of_a_small_camera_with_the_same_view() {
     for pose in poses(400) {
         let image = world.looks.camera(0).render(&pose);
         assert_eq!((image.width, image.height, image.cropped), (128, 64, true));
-        let known = small.camera.render(&pose);
+        let known = small.looks.camera(0).render(&pose);
         let known = &known.rgb[3 * 128 * 32..];
         pixels += known.len() / 3;
         same += equal(known, &image.rgb);
@@ -216,7 +216,7 @@ fn what_vision_makes_of_samples_is_nearest_to_the_full_image_where_it_is() {
     let (mut in_place, mut moved) = (0, [0; 4]);
     for pose in poses(100) {
         let full = seen(&world.looks.camera(0).render(&pose));
-        let samples = sampled.camera.render(&pose);
+        let samples = sampled.looks.camera(0).render(&pose);
         let error = |image: &Image| -> u64 {
             full.iter().zip(seen(image)).map(|(&a, b)| u64::from(a.abs_diff(b)).pow(2)).sum()
         };

@@ -8,15 +8,18 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use super::{Ending, print, print_json, progress};
+use super::{Ending, print, print_json, progress, report};
 use crate::agent::{self, CHECKPOINT_NAME, Course, CurvePoint, Keep, Outcome, RunOptions, STATE_NAME, Status};
 use crate::evaluate::{Evaluator, decode_pose};
-use crate::log::{LogOptions, Rotation, RunLog, log_files};
+use crate::log::{LogOptions, Rotation, RunLog};
 use crate::parts::Parts;
-use crate::report::{OVERVIEW_NAME, Origin, Program, Report, overview, table};
+use crate::report::{Origin, Program, Report, table};
 use crate::scenario::Scenario;
 use crate::source::Source;
 use crate::world::World;
+
+/// Why there are no trials where nobody asked for them.
+pub const NOT_TRIED: &str = "the room that was seen is not the simulated one, or there is no model";
 
 /// A run that is to be made in a folder.
 pub struct Drive<'a> {
@@ -81,27 +84,25 @@ impl Drive<'_> {
             let (files, bytes) = (outcome.log.deleted_files, outcome.log.deleted_bytes as f64 / 1e6);
             eprintln!("warning: the {files} oldest log files ({bytes:.1} MB) were deleted: log.budget_mb");
         }
-        let (mut tasks, mut pose) = (Vec::new(), None);
+        let (mut trials, mut pose) = (Err(NOT_TRIED.to_owned()), None);
         if let (Some(learned), Some(evaluator)) = (&outcome.learned, &evaluator) {
             if !self.quiet {
                 eprintln!("evaluating {starts} starts per task, with and without reflexes");
             }
-            tasks = evaluator.evaluate(learned, true);
+            trials = Ok(evaluator.evaluate_and_show(learned, true));
             pose = decode_pose(scenario, world, learned, scenario.seed)
                 .inspect_err(|error| eprintln!("warning: the pose cannot be decoded: {error}"))
                 .ok();
         }
+        let tasks = trials.iter().flatten().map(|(result, _)| result.clone()).collect();
         let report = Report::new(scenario, &outcome, tasks, pose, self.origin, source.imported());
         let json = serde_json::to_string_pretty(&report).map_err(|e| text(&e))?;
         write(self.run, "report.json", json.as_bytes())?;
-        if !self.evaluate {
-            return Ok(report);
-        }
-        // The picture shows what is kept elsewhere already: a run does not fail for it.
-        let logs = log_files(self.run).map_err(|e| text(&e))?.into_iter().map(|(_, path)| path).collect();
-        let drawn = overview(scenario, world, outcome.learned.as_deref(), &report, logs).map_err(|e| text(&e));
-        if let Err(reason) = drawn.and_then(|picture| write(self.run, OVERVIEW_NAME, picture.as_bytes())) {
-            eprintln!("warning: there is no {OVERVIEW_NAME}: {reason}");
+        let learned = outcome.learned.as_deref();
+        let known = report::Known { scenario, world, simulated: self.evaluate, learned, trials, pose };
+        // The report shows what is kept elsewhere already: a run does not fail for it.
+        if let Err(reason) = report::at_end(self.run, &known, self.quiet) {
+            eprintln!("warning: there is no new report.html: {reason}");
         }
         Ok(report)
     }
@@ -140,6 +141,9 @@ pub fn write(run: &Path, name: &str, bytes: &[u8]) -> Result<(), String> {
     renamed.map_err(|cause| format!("cannot write {}: {cause}", path.display()))
 }
 
+/// What a log says of itself where its frames are not from the scenario's simulated world.
+pub const ROOM: (&str, &str) = ("room", "not simulated");
+
 /// How a scenario wants its log written.
 pub fn log_options(scenario: &Scenario) -> (LogOptions, Rotation) {
     let log = &scenario.log;
@@ -169,6 +173,9 @@ pub fn metadata(scenario: &Scenario, origin: &Origin) -> BTreeMap<String, String
         ("version".to_owned(), program.version.to_owned()),
         ("commit".to_owned(), program.commit.unwrap_or("unknown").to_owned()),
     ]);
+    if origin.elsewhere {
+        metadata.insert(ROOM.0.to_owned(), ROOM.1.to_owned());
+    }
     if let Some(of) = &origin.replay_of {
         metadata.insert("replay_of".to_owned(), of.clone());
     }

@@ -13,8 +13,10 @@ mod info;
 mod progress;
 mod recover;
 mod replay;
+mod report;
 mod resume;
 mod run;
+mod steps;
 
 use std::io::{ErrorKind, Write};
 use std::path::PathBuf;
@@ -79,6 +81,8 @@ pub enum Command {
     Recover(RecoverArgs),
     /// Say in what two runs differ.
     Compare(CompareArgs),
+    /// Make a page with drawings of a run or log: did it learn, how well, and where does it fail?
+    Report(ReportArgs),
     /// Write a run's observations, features, transitions and values as arrays for Python, and its images as PNG.
     Export(ExportArgs),
 }
@@ -216,6 +220,34 @@ pub struct CompareArgs {
     pub json: bool,
 }
 
+/// Arguments of `adagio report`.
+#[derive(Debug, Args)]
+#[command(long_about = REPORT_ABOUT)]
+pub struct ReportArgs {
+    /// Run folder or .mcap file, also of another program.
+    pub run: PathBuf,
+    /// Folder for the report, which must not exist yet [default: the run folder; RUN/report-2, -3, … where it has a report;
+    /// NAME-report beside a file NAME.mcap].
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// No progress on stderr.
+    #[arg(long)]
+    pub quiet: bool,
+    /// Machine-readable result.
+    #[arg(long)]
+    pub json: bool,
+}
+
+const REPORT_ABOUT: &str = "Make a page with drawings of a run or log: did it learn, how well, and where does it fail?
+
+Writes report.html, one file that loads nothing and can be read on a phone, and its drawings as report/NAME.svg and report/NAME.png. \
+All of it comes from the log and the checkpoint that is beside or inside it: what was learned is looked at from everywhere, and tried out \
+again from the same starts as at the end of the run. Where the log lacks something, the page says what and why; of a damaged log it \
+shows what can be read, and the exit code is 3.
+
+`adagio run`, `resume` and `replay` write the same report at their end; only they replace a report, and only that of their own run. \
+Nothing else is ever overwritten: a second `adagio report RUN` writes into RUN/report-2.";
+
 /// Arguments of `adagio export`.
 #[derive(Debug, Args)]
 pub struct ExportArgs {
@@ -263,6 +295,7 @@ pub fn dispatch(cli: Cli, stop: &AtomicBool) -> Ending {
         Command::Resume(args) => resume::resume(&args, stop),
         Command::Recover(args) => recover::recover(&args),
         Command::Compare(args) => compare::compare(&args),
+        Command::Report(args) => report::report(&args),
         Command::Export(args) => export::export(&args),
     }
 }

@@ -81,7 +81,7 @@ fn again(
     };
     let result = (|| {
         drive::write(&run, "scenario.toml", scenario.text.as_bytes())?;
-        let origin = Origin { part: 0, replay_of: Some(args.run.display().to_string()) };
+        let origin = Origin { part: 0, replay_of: Some(args.run.display().to_string()), elsewhere: args.no_evaluate };
         let (options, rotation) = log_options(&scenario);
         let log = RunLog::create(Folder::new(&run), &options, rotation, &metadata(&scenario, &origin));
         let mut source = Recorded::new(scenario.clone(), world.clone(), recording.records());

@@ -82,7 +82,7 @@ fn go_on(
             eprintln!("warning: {damage}");
         }
     }
-    let origin = Origin { part: recording.part + 1, replay_of: None };
+    let origin = Origin { part: recording.part + 1, ..Origin::default() };
     let mut sizes = Vec::new();
     for (number, path) in log_files(&args.run).map_err(|e| text(&e))? {
         sizes.push((number, path.metadata().map_err(|e| text(&e))?.len()));

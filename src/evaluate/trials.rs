@@ -53,6 +53,29 @@ pub struct Unaided {
     pub dithers_per_1000: f64,
 }
 
+/// The way of one trial.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Trajectory {
+    /// Where it began, and where it was after each action.
+    pub poses: Vec<Pose>,
+    /// Whether it arrived.
+    pub arrived: bool,
+    /// Fewest steps from its start; `None` if there is no way within the limit.
+    pub optimal: Option<usize>,
+}
+
+impl Trajectory {
+    /// Actions that were done.
+    pub fn steps(&self) -> usize {
+        self.poses.len().saturating_sub(1)
+    }
+
+    /// Steps beyond the fewest; `None` if it did not arrive.
+    pub fn extra(&self) -> Option<usize> {
+        self.arrived.then(|| self.steps().saturating_sub(self.optimal.unwrap_or(0)))
+    }
+}
+
 /// A robot on its way.
 struct Trial {
     robot: Robot,
@@ -61,6 +84,7 @@ struct Trial {
     seen: Observation,
     recent: Recent,
     actions: Vec<Action>,
+    poses: Vec<Pose>,
     arrived: bool,
 }
 
@@ -109,12 +133,23 @@ impl Evaluator {
     /// Results of all tasks, in the world as it looks right behind the last frame that the model knows; `without_reflexes`:
     /// also run the trials of the policy alone.
     pub fn evaluate(&self, learned: &Learned, without_reflexes: bool) -> Vec<TaskResult> {
+        self.evaluate_and_show(learned, without_reflexes).into_iter().map(|(result, _)| result).collect()
+    }
+
+    /// Results of all tasks with the ways of their trials (those with reflexes), in the order of the starts.
+    pub fn evaluate_and_show(&self, learned: &Learned, without_reflexes: bool) -> Vec<(TaskResult, Vec<Trajectory>)> {
         let reflexes = Reflexes::new(&self.scenario.policy);
         (0..self.starts.len())
             .map(|task| {
-                let outcome = self.run(learned, task, reflexes);
-                let unaided = without_reflexes.then(|| self.run(learned, task, Reflexes::OFF));
-                self.result(task, &outcome, unaided.as_ref())
+                let trials = self.run(learned, task, reflexes);
+                let unaided = without_reflexes.then(|| Outcome::new(&self.run(learned, task, Reflexes::OFF)));
+                let result = self.result(task, &Outcome::new(&trials), unaided.as_ref());
+                let shown = trials.into_iter().zip(&self.optimal[task]);
+                let shown = shown.map(|(trial, &optimal)| {
+                    let Trial { poses, arrived, .. } = trial;
+                    Trajectory { poses, arrived, optimal }
+                });
+                (result, shown.collect())
             })
             .collect()
     }
@@ -163,7 +198,7 @@ impl Evaluator {
     }
 
     /// All trials of a task, one step of all of them at a time: seen and judged side by side, then driven.
-    fn run(&self, learned: &Learned, task: usize, reflexes: Reflexes) -> Outcome {
+    fn run(&self, learned: &Learned, task: usize, reflexes: Reflexes) -> Vec<Trial> {
         let mut trials = self.begin(task);
         let frame = learned.asked_at + 1;
         for _ in 0..self.scenario.evaluate.max_steps {
@@ -181,7 +216,7 @@ impl Evaluator {
                 self.act(trial, action, &self.scenario.tasks[task]);
             }
         }
-        Outcome::new(&trials)
+        trials
     }
 
     fn reference_success(&self, task: usize) -> f64 {
@@ -212,6 +247,7 @@ impl Evaluator {
                 seen: Observation { frame: index as u64, pixels: Vec::new() },
                 recent: Recent::default(),
                 actions: Vec::new(),
+                poses: vec![pose],
                 arrived: false,
             }
         };
@@ -232,6 +268,7 @@ impl Evaluator {
             blocked |= trial.robot.drive(motion, &self.world.arena);
         }
         trial.actions.push(action);
+        trial.poses.push(trial.robot.pose);
         trial.recent = Recent { action: Some(action), blocked };
         trial.arrived = in_goal(task, trial.robot.pose.position);
     }

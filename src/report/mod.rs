@@ -1,11 +1,25 @@
-//! What a run came to: `report.json` for scripts, a table and a picture for people.
+//! What a run came to: `report.json` for scripts, a table and a page with drawings for people.
+//!
+//! ```text
+//!  log ──one pass──▶ gather ─┐
+//!  checkpoint ─────▶ survey ─┼─▶ figures, verdict ──▶ make ──▶ report.html, report/NAME.svg, report/NAME.png
+//!  trials ───────────────────┘    (drawn by draw)
+//! ```
 
-mod picture;
+pub mod draw;
+pub mod figures;
+pub mod foreign;
+pub mod gather;
+mod make;
 mod room;
+pub mod survey;
 mod table;
+mod verdict;
 
-pub use picture::{OVERVIEW_NAME, PictureError, overview};
+pub use make::{Made, MakeError, PLOTS_NAME, REPORT_NAME, make, write};
+pub use room::Room;
 pub use table::{Numbered, table, tasks_table};
+pub use verdict::{Verdict, verdict};
 
 use serde::Serialize;
 
@@ -104,6 +118,8 @@ pub struct Origin {
     pub part: u32,
     /// The run whose recorded frames it was given.
     pub replay_of: Option<String>,
+    /// Its frames are from a room that the scenario's simulated world does not look like.
+    pub elsewhere: bool,
 }
 
 /// The dictionary.

@@ -19,6 +19,7 @@ mod survey;
 mod told;
 
 pub use picture::{MOST_PIXELS, PictureError, compressed, crop, raw};
+pub use senses::pose_of;
 pub use survey::{ImportError, Roles, Seen, Survey, stamp_ns};
 
 use std::collections::VecDeque;

@@ -57,6 +57,29 @@ struct Waiting {
     pixels: Vec<u8>,
 }
 
+/// The pose in a message of one of the types that hold some; none where transforms are those of other things. With it the
+/// stamp of a transform, since a message of them has no header.
+///
+/// # Errors
+/// The bytes are no such message.
+pub fn pose_of(kind: &str, data: &[u8]) -> Result<Option<(Option<u64>, Pose)>, LogError> {
+    Ok(Some(match kind {
+        msg::Odometry::TYPE => (None, planar(&cdr::decode::<msg::Odometry>(data)?.pose.pose)),
+        msg::PoseStamped::TYPE => (None, planar(&cdr::decode::<msg::PoseStamped>(data)?.pose)),
+        foreign::PoseWithCovarianceStamped::TYPE => {
+            (None, planar(&cdr::decode::<foreign::PoseWithCovarianceStamped>(data)?.pose.pose))
+        }
+        _ => {
+            let transforms: foreign::TfMessage = cdr::decode(data)?;
+            let robot = |transform: &&foreign::TransformStamped| {
+                ROBOT_FRAMES.contains(&transform.child_frame_id.trim_start_matches('/'))
+            };
+            let Some(found) = transforms.transforms.iter().find(robot) else { return Ok(None) };
+            (Some(found.header.stamp_ns()), planar(&found.transform.pose()))
+        }
+    }))
+}
+
 /// Puts together what was sensed, image by image.
 pub struct Senses {
     scenario: Arc<Scenario>,
@@ -191,24 +214,9 @@ impl Senses {
     }
 
     fn pose(&mut self, kind: &str, data: &[u8], stamp_ns: u64) -> Result<(), LogError> {
-        let (stamp_ns, pose) = match kind {
-            msg::Odometry::TYPE => (stamp_ns, planar(&cdr::decode::<msg::Odometry>(data)?.pose.pose)),
-            msg::PoseStamped::TYPE => (stamp_ns, planar(&cdr::decode::<msg::PoseStamped>(data)?.pose)),
-            foreign::PoseWithCovarianceStamped::TYPE => {
-                (stamp_ns, planar(&cdr::decode::<foreign::PoseWithCovarianceStamped>(data)?.pose.pose))
-            }
-            _ => {
-                let transforms: foreign::TfMessage = cdr::decode(data)?;
-                let robot = |transform: &&foreign::TransformStamped| {
-                    ROBOT_FRAMES.contains(&transform.child_frame_id.trim_start_matches('/'))
-                };
-                let Some(found) = transforms.transforms.iter().find(robot) else { return Ok(()) };
-                // The message itself has no header: its transforms have.
-                let own = found.header.stamp_ns();
-                let by_header = self.scenario.topics.stamps == crate::scenario::Stamps::Header && own > 0;
-                (if by_header { own } else { stamp_ns }, planar(&found.transform.pose()))
-            }
-        };
+        let Some((own, pose)) = pose_of(kind, data)? else { return Ok(()) };
+        let by_header = self.scenario.topics.stamps == crate::scenario::Stamps::Header;
+        let stamp_ns = own.filter(|&own| by_header && own > 0).unwrap_or(stamp_ns);
         let finite = pose.position.x.is_finite() && pose.position.y.is_finite() && pose.heading.is_finite();
         // Poses that are late, or repeated, say nothing new.
         if finite && self.poses.back().is_none_or(|last| last.0 < stamp_ns) {

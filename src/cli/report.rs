@@ -1,0 +1,331 @@
+//! `adagio report RUN`, and the report that a run leaves at its end.
+
+use std::fs::{self, OpenOptions};
+use std::io::{self, ErrorKind, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
+
+use serde::Serialize;
+
+use super::drive::{NOT_TRIED, ROOM};
+use super::steps::Steps;
+use super::{Ending, ReportArgs, drive, folder, print, print_json};
+use crate::evaluate::{Evaluator, PoseDecode, TaskResult, Trajectory, decode_pose};
+use crate::log::log_files;
+use crate::policy::Learned;
+use crate::report::draw::Picture;
+use crate::report::figures::Material;
+use crate::report::foreign::{self, Foreign};
+use crate::report::gather::Gathered;
+use crate::report::survey::Survey;
+use crate::report::{Made, Numbered, PLOTS_NAME, REPORT_NAME, Room, make, write};
+use crate::scenario::Scenario;
+use crate::world::World;
+
+/// What is known of a run beside its log.
+pub struct Known<'a> {
+    pub scenario: &'a Scenario,
+    pub world: &'a World,
+    /// Whether its frames are from the scenario's simulated world.
+    pub simulated: bool,
+    pub learned: Option<&'a Learned>,
+    /// Results of each task with the ways of the trials, or why there are none.
+    pub trials: Result<Vec<(TaskResult, Vec<Trajectory>)>, String>,
+    pub pose: Option<PoseDecode>,
+}
+
+/// Write the report of a run that has ended into its folder; a report of an earlier part of the run is replaced.
+pub fn at_end(run: &Path, known: &Known<'_>, quiet: bool) -> Result<(), String> {
+    let begin = Instant::now();
+    let page = run.join(REPORT_NAME);
+    if page.exists() && !is_ours(&page) {
+        return Err(format!("{} is not a report of this program, and stays as it is", page.display()));
+    }
+    let steps = Steps::new(quiet);
+    let files = log_files(run).map_err(|e| e.to_string())?.into_iter().map(|(_, path)| path).collect();
+    let gathered = read(files, &steps)?;
+    let made = known.make(&gathered, run, Vec::new(), &steps)?;
+    fs::create_dir_all(run.join(PLOTS_NAME)).map_err(|e| e.to_string())?;
+    let put = |path: &Path, bytes: &[u8]| {
+        let (folder, name) = (path.parent().unwrap_or(run), path.file_name().unwrap_or_default().to_string_lossy());
+        drive::write(folder, &name, bytes).map_err(io::Error::other)
+    };
+    write(&made, run, &put).map_err(|e| e.to_string())?;
+    let seconds = begin.elapsed().as_secs_f64();
+    steps.end(&format!("{REPORT_NAME} and {} drawings in {seconds:.1} s", made.figures.len()));
+    Ok(())
+}
+
+/// Whether a page was made by this program.
+fn is_ours(page: &Path) -> bool {
+    const HEAD: usize = 1000;
+    let text = fs::read(page).unwrap_or_default();
+    String::from_utf8_lossy(&text[..text.len().min(HEAD)]).contains("<meta name=\"generator\" content=\"adagio ")
+}
+
+fn read(files: Vec<PathBuf>, steps: &Steps) -> Result<Gathered, String> {
+    steps.begin("report: reading the log");
+    let tell = |messages: u64| steps.at(&format!("report: reading the log, {} records", Numbered(messages)));
+    Gathered::of(files, &tell).map_err(|e| e.to_string())
+}
+
+impl Known<'_> {
+    fn make(
+        &self,
+        gathered: &Gathered,
+        run: &Path,
+        losses: Vec<(String, String)>,
+        steps: &Steps,
+    ) -> Result<Made, String> {
+        let survey = self.learned.filter(|_| self.simulated).map(|learned| {
+            steps.begin("report: looking around in the simulated room");
+            Survey::new(self.scenario, self.world, learned)
+        });
+        steps.begin("report: drawing");
+        let material = Material {
+            gathered,
+            room: Some(Room { scenario: self.scenario, world: self.world }),
+            simulated: self.simulated,
+            learned: self
+                .learned
+                .ok_or_else(|| "the run ended before its first model, or it could not be made".to_owned()),
+            survey: survey.as_ref(),
+            trials: self.trials.as_ref().map(Vec::as_slice).map_err(Clone::clone),
+            pose_decode: self.pose,
+            pictures: &[],
+            losses: &losses,
+        };
+        let name = run.canonicalize().ok();
+        let name = name.as_deref().and_then(Path::file_name).map(|name| name.to_string_lossy().into_owned());
+        let title = format!(
+            "Adagio: {}, seed {} ({})",
+            self.scenario.name,
+            self.scenario.seed,
+            name.unwrap_or_else(|| run.display().to_string())
+        );
+        make(&title, &material).map_err(|e| e.to_string())
+    }
+}
+
+/// What `--json` prints.
+#[derive(Serialize)]
+struct Told {
+    report: String,
+    plots: Vec<String>,
+    verdict: &'static str,
+    headline: String,
+    sentences: Vec<String>,
+    missing: Vec<String>,
+    damaged: u64,
+    closed: bool,
+}
+
+/// Make a report of a run or log.
+pub fn report(args: &ReportArgs) -> Ending {
+    match made(args) {
+        Ok((made, gathered, out)) => told(args, made, &gathered, &out),
+        Err(ending) => ending,
+    }
+}
+
+fn made(args: &ReportArgs) -> Result<(Made, Gathered, PathBuf), Ending> {
+    let steps = Steps::new(args.quiet);
+    let begin = Instant::now();
+    let files = folder::logs(&args.run)?;
+    let mut gathered = read(files.clone(), &steps).map_err(Ending::Failed)?;
+    if gathered.topics.is_empty() && gathered.metadata.is_empty() {
+        let path = args.run.display();
+        return Err(Ending::Failed(format!(
+            "{path} holds no records: it is not an MCAP log, or was cut at its beginning"
+        )));
+    }
+    let made =
+        if gathered.is_own() { of_run(args, &gathered, &steps) } else { of_other(args, files, &mut gathered, &steps) }?;
+    let out = place(args)?;
+    let put = |path: &Path, bytes: &[u8]| OpenOptions::new().write(true).create_new(true).open(path)?.write_all(bytes);
+    write(&made, &out, &put).map_err(Ending::failed)?;
+    let seconds = begin.elapsed().as_secs_f64();
+    steps.end(&format!("{REPORT_NAME} and {} drawings in {seconds:.1} s", made.figures.len()));
+    Ok((made, gathered, out))
+}
+
+/// The report of a run of this program, from its log and checkpoint alone.
+fn of_run(args: &ReportArgs, gathered: &Gathered, steps: &Steps) -> Result<Made, Ending> {
+    let learned = match folder::learned(&args.run) {
+        Ok(learned) => Ok(learned),
+        Err(Ending::Failed(reason)) => Err(reason),
+        Err(ending) => return Err(ending),
+    };
+    let mut losses = Vec::new();
+    if let (Err(reason), true) = (&learned, gathered.epoch > 0) {
+        losses.push(("what was learned cannot be read".to_owned(), reason.clone()));
+    }
+    // A log whose first record is damaged does not say which scenario it was; its checkpoint does, and so does the folder.
+    let told = gathered.metadata.get("scenario").cloned();
+    let text = told.or_else(|| fs::read_to_string(args.run.join("scenario.toml")).ok());
+    let parsed = match (text, &learned) {
+        (Some(text), _) => Scenario::parse(&text, &args.run, &[]).map_err(|e| e.to_string()),
+        (None, Ok((_, scenario))) => Ok(scenario.clone()),
+        (None, Err(_)) => Err("neither the log nor a checkpoint says which scenario was run".to_owned()),
+    };
+    let world = parsed.and_then(|scenario| {
+        let world = World::new(&scenario).map_err(|e| e.to_string())?;
+        Ok((Arc::new(scenario), Arc::new(world)))
+    });
+    let (scenario, world) = match world {
+        Ok(known) => known,
+        Err(reason) => return without_room(args, gathered, reason, losses, steps),
+    };
+    let simulated = gathered.metadata.get(ROOM.0).map(String::as_str) != Some(ROOM.1);
+    let (mut trials, mut pose) = (Err(NOT_TRIED.to_owned()), None);
+    if let (Ok((learned, _)), true) = (&learned, simulated) {
+        let starts = scenario.evaluate.starts;
+        steps.begin(&format!("report: trying {starts} starts per task, with and without reflexes"));
+        let evaluator = Evaluator::new(scenario.clone(), world.clone(), starts, scenario.seed);
+        trials = Ok(evaluator.evaluate_and_show(learned, true));
+        steps.begin("report: reading the pose off the features");
+        pose = decode_pose(&scenario, &world, learned, scenario.seed).ok();
+    }
+    let learned = learned.as_ref().ok().map(|(learned, _)| learned);
+    let known = Known { scenario: &scenario, world: &world, simulated, learned, trials, pose };
+    known.make(gathered, &args.run, losses, steps).map_err(Ending::Failed)
+}
+
+/// A report without a room: why it is not known goes to the losses.
+fn without_room(
+    args: &ReportArgs,
+    gathered: &Gathered,
+    reason: String,
+    mut losses: Vec<(String, String)>,
+    steps: &Steps,
+) -> Result<Made, Ending> {
+    losses.push(("the room and its tasks are not known".to_owned(), reason));
+    drawn(args, gathered, &[], &losses, "its room and tasks are not known", steps)
+}
+
+/// The report of a log that another program wrote.
+fn of_other(args: &ReportArgs, files: Vec<PathBuf>, gathered: &mut Gathered, steps: &Steps) -> Result<Made, Ending> {
+    steps.begin("report: another program's log: looking for camera and pose");
+    let found = foreign::look(files, gathered).map_err(Ending::failed)?;
+    let Foreign { camera, pose, pictures, unreadable, reason } = found;
+    let topic = |topic: Option<String>, without: &str| topic.unwrap_or_else(|| without.to_owned());
+    let mut losses = vec![
+        ("camera images are from the topic".to_owned(), topic(camera, "none: no topic holds Image or CompressedImage")),
+        ("poses are from the topic".to_owned(), topic(pose, "none: no topic holds Odometry, poses or transforms")),
+    ];
+    if unreadable > 0 {
+        let reason = reason.unwrap_or_default();
+        losses.push((
+            format!("images or poses that could not be read; the first: {reason}"),
+            Numbered(unreadable).to_string(),
+        ));
+    }
+    drawn(args, gathered, &pictures, &losses, "another program wrote the log, and nothing was learned in it", steps)
+}
+
+fn drawn(
+    args: &ReportArgs,
+    gathered: &Gathered,
+    pictures: &[Picture],
+    losses: &[(String, String)],
+    reason: &str,
+    steps: &Steps,
+) -> Result<Made, Ending> {
+    steps.begin("report: drawing");
+    let material = Material {
+        gathered,
+        room: None,
+        simulated: false,
+        learned: Err(reason.to_owned()),
+        survey: None,
+        trials: Err(reason.to_owned()),
+        pose_decode: None,
+        pictures,
+        losses,
+    };
+    let title = format!("Adagio: {}", args.run.display());
+    make(&title, &material).map_err(Ending::failed)
+}
+
+/// The folder of the report, with an empty folder for its drawings; nothing that exists is touched.
+fn place(args: &ReportArgs) -> Result<PathBuf, Ending> {
+    let failed = |path: &Path, cause: &io::Error| {
+        Ending::Failed(format!("cannot create the folder {}: {cause} (name another place with --out)", path.display()))
+    };
+    let create = |path: &Path| fs::create_dir(path).and_then(|()| fs::create_dir(path.join(PLOTS_NAME)));
+    if let Some(out) = &args.out {
+        if let Some(parent) = out.parent() {
+            fs::create_dir_all(parent).map_err(|cause| failed(out, &cause))?;
+        }
+        return match create(out) {
+            Ok(()) => Ok(out.clone()),
+            Err(cause) if cause.kind() == ErrorKind::AlreadyExists => Err(Ending::Usage(format!(
+                "{} exists already, and nothing is ever overwritten: name another folder with --out",
+                out.display()
+            ))),
+            Err(cause) => Err(failed(out, &cause)),
+        };
+    }
+    let base = if args.run.is_dir() {
+        if !args.run.join(REPORT_NAME).exists() && fs::create_dir(args.run.join(PLOTS_NAME)).is_ok() {
+            return Ok(args.run.clone());
+        }
+        args.run.join("report")
+    } else {
+        let stem = args.run.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let beside = args.run.with_file_name(format!("{stem}-report"));
+        match create(&beside) {
+            Ok(()) => return Ok(beside),
+            Err(cause) if cause.kind() == ErrorKind::AlreadyExists => beside,
+            Err(cause) => return Err(failed(&beside, &cause)),
+        }
+    };
+    for number in 2..10_000 {
+        let path = PathBuf::from(format!("{}-{number}", base.display()));
+        match create(&path) {
+            Ok(()) => return Ok(path),
+            Err(cause) if cause.kind() == ErrorKind::AlreadyExists => {}
+            Err(cause) => return Err(failed(&path, &cause)),
+        }
+    }
+    Err(Ending::Failed(format!("{} has too many reports: name a folder with --out", args.run.display())))
+}
+
+fn told(args: &ReportArgs, made: Made, gathered: &Gathered, out: &Path) -> Ending {
+    let page = out.join(REPORT_NAME).display().to_string();
+    let plot = |name: &str| out.join(PLOTS_NAME).join(format!("{name}.svg")).display().to_string();
+    let Made { verdict, figures, missing, .. } = made;
+    let printed = if args.json {
+        print_json(&Told {
+            report: page,
+            plots: figures.iter().map(|figure| plot(&figure.name)).collect(),
+            verdict: verdict.class,
+            headline: verdict.headline,
+            sentences: verdict.sentences,
+            missing,
+            damaged: gathered.damaged,
+            closed: gathered.closed,
+        })
+    } else {
+        let missing: Vec<String> = missing.iter().map(|missing| format!("missing: {missing}\n")).collect();
+        let drawings = out.join(PLOTS_NAME);
+        let kept = format!("kept in {page}, its {} drawings in {}\n", figures.len(), drawings.display());
+        print(&format!("{}\n{}\n{}{kept}", verdict.headline, verdict.sentences.join("\n"), missing.concat()))
+    };
+    let complete = gathered.damaged == 0 && gathered.missing == 0 && (gathered.closed || !gathered.is_own());
+    if printed != Ending::Done || complete {
+        return printed;
+    }
+    let mut lost = Vec::new();
+    if gathered.damaged > 0 {
+        lost.push(format!("{} records could not be read", Numbered(gathered.damaged)));
+    }
+    if gathered.missing > 0 {
+        lost.push(format!("{} observations are missing", Numbered(gathered.missing)));
+    }
+    if !gathered.closed {
+        lost.push("the log was not closed".to_owned());
+    }
+    Ending::DataLoss(format!("{}: {}; the report shows what there is", args.run.display(), lost.join(", ")))
+}

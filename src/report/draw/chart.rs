@@ -1,0 +1,246 @@
+//! Charts of lines over one axis, with bands, linear or logarithmic.
+
+use plotters::coord::ranged1d::{Ranged, ValueFormatter};
+use plotters::prelude::*;
+
+use super::{Area, DrawError, Drawn, FAINT, INK, SMALL, TEXT, TOP, WIDTH, sheet, short, text, width_of};
+
+/// An axis of a chart.
+#[derive(Debug, Clone, Default)]
+pub struct Axis {
+    /// What it measures, with its unit.
+    pub label: String,
+    /// Its ends; by default those of the data.
+    pub range: Option<(f64, f64)>,
+    /// Logarithmic: only what is positive is shown.
+    pub log: bool,
+}
+
+impl Axis {
+    /// A linear axis as long as the data.
+    pub fn new(label: &str) -> Self {
+        Axis { label: label.to_owned(), ..Axis::default() }
+    }
+
+    /// A logarithmic axis as long as the data.
+    pub fn log(label: &str) -> Self {
+        Axis { log: true, ..Axis::new(label) }
+    }
+
+    /// The same axis with other ends.
+    #[must_use]
+    pub fn within(mut self, low: f64, high: f64) -> Self {
+        self.range = Some((low, high));
+        self
+    }
+
+    /// Whether a coordinate can be shown.
+    fn shows(&self, value: f64) -> bool {
+        value.is_finite() && (!self.log || value > 0.0)
+    }
+
+    /// Ends that hold all values; `from_zero`: a linear axis begins there if all values are positive.
+    fn ends(&self, values: impl Iterator<Item = f64>, from_zero: bool) -> (f64, f64) {
+        if let Some((low, high)) = self.range {
+            return if high > low { (low, high) } else { (low, low + 1.0) };
+        }
+        let shown = values.filter(|&value| self.shows(value));
+        let (low, high) = shown.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+        if low > high {
+            return if self.log { (0.1, 1.0) } else { (0.0, 1.0) };
+        }
+        if self.log {
+            return (0.8 * low, 1.25 * high);
+        }
+        let low = if from_zero && low >= 0.0 { 0.0 } else { low };
+        let high = if high > low { high } else { low + 1.0 };
+        // Room above the highest line, and below the lowest if that is not the axis.
+        let room = if from_zero { 0.05 * (high - low) } else { 0.0 };
+        (if low < 0.0 { low - room } else { low }, high + room)
+    }
+}
+
+/// How a line is drawn.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Mark {
+    /// A line.
+    #[default]
+    Line,
+    /// A line with a dot at each point.
+    Points,
+    /// A dashed line.
+    Dashed,
+    /// Dots alone.
+    Dots,
+}
+
+/// A line of a chart.
+#[derive(Debug, Clone)]
+pub struct Line {
+    /// Its name in the legend; none without.
+    pub name: String,
+    /// Its colour.
+    pub colour: RGBColor,
+    /// Its points; where a number is not finite there is a gap.
+    pub points: Vec<(f64, f64)>,
+    /// A band around it: x, lower and upper end. May be empty.
+    pub band: Vec<(f64, f64, f64)>,
+    /// How it is drawn.
+    pub mark: Mark,
+}
+
+impl Line {
+    /// A plain line.
+    pub fn new(name: &str, colour: RGBColor, points: Vec<(f64, f64)>) -> Self {
+        Line { name: name.to_owned(), colour, points, band: Vec::new(), mark: Mark::Line }
+    }
+
+    /// The same line, drawn otherwise.
+    #[must_use]
+    pub fn drawn(mut self, mark: Mark) -> Self {
+        self.mark = mark;
+        self
+    }
+
+    /// The same line with a band: x, lower and upper end.
+    #[must_use]
+    pub fn with_band(mut self, band: Vec<(f64, f64, f64)>) -> Self {
+        self.band = band;
+        self
+    }
+}
+
+/// A chart.
+#[derive(Debug, Clone)]
+pub struct Chart {
+    /// What it shows.
+    pub title: String,
+    /// The axis across.
+    pub x: Axis,
+    /// The axis upwards; a linear one begins at zero unless its range says otherwise.
+    pub y: Axis,
+    /// Lines, the last one on top.
+    pub lines: Vec<Line>,
+    /// Height, pixels.
+    pub height: u32,
+}
+
+impl Chart {
+    /// A chart of the usual height.
+    pub fn new(title: &str, x: Axis, y: Axis, lines: Vec<Line>) -> Self {
+        Chart { title: title.to_owned(), x, y, lines, height: 330 }
+    }
+
+    /// The chart as an SVG text.
+    ///
+    /// # Errors
+    /// [`DrawError::Draw`].
+    pub fn svg(&self) -> Result<String, DrawError> {
+        let points = || self.lines.iter().flat_map(|line| &line.points);
+        let bands = || self.lines.iter().flat_map(|line| &line.band);
+        let (left, right) = self.x.ends(points().map(|p| p.0).chain(bands().map(|b| b.0)), false);
+        let ys = points().map(|p| p.1).chain(bands().flat_map(|b| [b.1, b.2]));
+        let (low, high) = self.y.ends(ys, true);
+        let named: Vec<(RGBColor, &str)> =
+            self.lines.iter().filter(|line| !line.name.is_empty()).map(|line| (line.colour, &*line.name)).collect();
+        let key_height = key_height(&named);
+        sheet(&self.title, (WIDTH, self.height + key_height), |root| {
+            key(root, TOP as i32, &named)?;
+            let top = TOP + key_height;
+            let inner = root.clone().shrink((0, top), (WIDTH, self.height + key_height - top));
+            let mut builder = ChartBuilder::on(&inner);
+            builder.margin_right(18).margin_top(6).x_label_area_size(48).y_label_area_size(66);
+            let (x, y) = (left..right, low..high);
+            match (self.x.log, self.y.log) {
+                (false, false) => self.fill(builder.build_cartesian_2d(x, y)?),
+                (false, true) => self.fill(builder.build_cartesian_2d(x, y.log_scale())?),
+                (true, false) => self.fill(builder.build_cartesian_2d(x.log_scale(), y)?),
+                (true, true) => self.fill(builder.build_cartesian_2d(x.log_scale(), y.log_scale())?),
+            }
+        })
+    }
+
+    fn fill<'a, X, Y>(&self, mut chart: ChartContext<'a, SVGBackend<'a>, Cartesian2d<X, Y>>) -> Drawn
+    where
+        X: Ranged<ValueType = f64> + ValueFormatter<f64>,
+        Y: Ranged<ValueType = f64> + ValueFormatter<f64>,
+    {
+        chart
+            .configure_mesh()
+            .light_line_style(TRANSPARENT)
+            .bold_line_style(FAINT)
+            .axis_style(INK.mix(0.4))
+            .label_style(text(SMALL))
+            .axis_desc_style(text(TEXT))
+            .x_labels(6)
+            .y_labels(6)
+            .x_label_formatter(&|value| short(*value))
+            .y_label_formatter(&|value| short(*value))
+            .x_desc(&self.x.label)
+            .y_desc(&self.y.label)
+            .draw()?;
+        for line in &self.lines {
+            let band: Vec<_> = line
+                .band
+                .iter()
+                .filter(|band| self.x.shows(band.0) && self.y.shows(band.1) && self.y.shows(band.2))
+                .collect();
+            if band.len() > 1 {
+                let there = band.iter().map(|band| (band.0, band.1));
+                let back = band.iter().rev().map(|band| (band.0, band.2));
+                let around: Vec<_> = there.chain(back).collect();
+                chart.draw_series([Polygon::new(around, line.colour.mix(0.2))])?;
+            }
+        }
+        for line in &self.lines {
+            let colour = line.colour;
+            for part in line.points.split(|&(x, y)| !self.x.shows(x) || !self.y.shows(y)) {
+                let part = part.iter().copied();
+                match line.mark {
+                    Mark::Line | Mark::Points => {
+                        chart.draw_series(LineSeries::new(part.clone(), colour.stroke_width(2)))?;
+                    }
+                    Mark::Dashed => {
+                        chart.draw_series(DashedLineSeries::new(part.clone(), 6, 4, colour.stroke_width(2)))?;
+                    }
+                    Mark::Dots => {}
+                }
+                if matches!(line.mark, Mark::Points | Mark::Dots) {
+                    chart.draw_series(part.map(|point| Circle::new(point, 3, colour.filled())))?;
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+const KEY_LINE: u32 = 22;
+
+/// The places of a legend's entries, and the number of its lines.
+fn key_places<C>(entries: &[(C, &str)]) -> (Vec<(i32, i32)>, u32) {
+    let (mut x, mut line, mut places) = (10, 0, Vec::new());
+    for (_, name) in entries {
+        let width = 24 + width_of(name, TEXT) + 16;
+        if x > 10 && x + width > WIDTH as i32 {
+            (x, line) = (10, line + 1);
+        }
+        places.push((x, line));
+        x += width;
+    }
+    (places, if entries.is_empty() { 0 } else { line as u32 + 1 })
+}
+
+/// Pixels that a legend takes.
+pub(super) fn key_height<C>(entries: &[(C, &str)]) -> u32 {
+    key_places(entries).1 * KEY_LINE
+}
+
+/// A legend above a drawing: a patch of colour and a name for each entry.
+pub(super) fn key(root: &Area<'_>, top: i32, entries: &[(RGBColor, &str)]) -> Drawn {
+    for ((colour, name), (x, line)) in entries.iter().zip(key_places(entries).0) {
+        let y = top + line * KEY_LINE as i32;
+        root.draw(&Rectangle::new([(x, y + 4), (x + 16, y + 12)], colour.filled()))?;
+        root.draw(&Text::new((*name).to_owned(), (x + 22, y), text(TEXT)))?;
+    }
+    Ok(())
+}

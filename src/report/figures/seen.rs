@@ -1,0 +1,67 @@
+//! What the camera saw, before and after preparation.
+
+use super::{Figure, Item, Material, Section};
+use crate::report::Numbered;
+use crate::report::draw::{DrawError, Picture, gallery};
+use crate::report::gather::Sample;
+use crate::world::Image;
+
+/// Frames that are shown.
+const SHOWN: usize = 4;
+
+pub fn section(material: &Material<'_>) -> Result<Section, DrawError> {
+    let mut items = Vec::new();
+    if !material.pictures.is_empty() {
+        let title = "Camera images";
+        let svg = gallery(title, 2, material.pictures)?;
+        items.push(Item::Figure(Figure::new("camera", title, "As another program recorded them.", svg)));
+    }
+    let samples: Vec<&Sample> = match material.room {
+        Some(room) => {
+            let size = 3 * room.scenario.vision.width * room.scenario.vision.height;
+            material.gathered.samples.iter().filter(|sample| sample.pixels.len() == size).collect()
+        }
+        None => Vec::new(),
+    };
+    // From the middle of each part of the run.
+    let chosen = (0..SHOWN).filter_map(|i| samples.get((2 * i + 1) * samples.len() / (2 * SHOWN)).copied());
+    let chosen: Vec<&Sample> = chosen.collect();
+    match (material.room, chosen.is_empty()) {
+        (Some(room), false) => {
+            let vision = &room.scenario.vision;
+            let after = |sample: &&Sample| Picture {
+                label: format!("frame {}, as learned from", Numbered(sample.frame)),
+                width: vision.width,
+                height: vision.height,
+                rgb: sample.pixels.clone(),
+            };
+            let before = |sample: &&Sample| {
+                let Image { width, height, rgb, .. } = room.world.looks.camera(sample.frame).render(&sample.pose);
+                Picture { label: format!("frame {}, camera", Numbered(sample.frame)), width, height, rgb }
+            };
+            let mut pictures = Vec::new();
+            for pair in chosen.chunks(2) {
+                if material.simulated {
+                    pictures.extend(pair.iter().map(before));
+                }
+                pictures.extend(pair.iter().map(after));
+            }
+            let title = "Camera frames before and after preparation";
+            let size = format!("{} × {} pixels", vision.width, vision.height);
+            let caption = if material.simulated {
+                format!(
+                    "After: the observations of {size} in the log. Before: rendered again from the poses in the log, without the \
+                     camera's noise, since the log keeps no camera images."
+                )
+            } else {
+                format!("After preparation, {size}. The log keeps no camera images from before.")
+            };
+            items.push(Item::Figure(Figure::new("preparation", title, caption, gallery(title, 2, &pictures)?)));
+        }
+        (_, true) if items.is_empty() => items.push(Item::Missing(
+            "There are no camera frames to show: the log holds no observations with poses.".to_owned(),
+        )),
+        _ => {}
+    }
+    Ok(Section { name: "seen", heading: "What it sees", items })
+}

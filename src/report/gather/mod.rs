@@ -1,0 +1,456 @@
+//! What a report shows of a log, gathered in one pass and bounded memory, however long the log is.
+
+mod thin;
+
+pub use thin::Thin;
+
+use std::collections::{BTreeMap, VecDeque};
+use std::path::PathBuf;
+
+use nalgebra::Point2;
+
+use crate::log::messages::{
+    Decision, DictionaryGrowth, Evaluation, FrameTaken, Health, Image, Log, ModelUpdate, PoseStamped, Transition,
+};
+use crate::log::writer::METADATA_NAME;
+use crate::log::{Ending, FilesReader, LogError, Record, topics};
+use crate::world::{Pose, wrap};
+
+/// Entries of series that become lines.
+const LINE: usize = 1200;
+/// Poses of the end of the way.
+const LAST: usize = 3000;
+/// Observations with their poses.
+const SAMPLES: usize = 1600;
+/// Places where members of the dictionary were taken.
+const MEMBERS: usize = 4000;
+/// Poses that are remembered until the dictionary says which frames it took.
+const RECENT: usize = 1 << 14;
+/// Diagnostics and damaged records that are shown one by one.
+const SHOWN: usize = 60;
+/// Side of the cells in which visits are counted, metres, and their number at most.
+pub const CELL: f64 = 0.05;
+const CELLS: usize = 200_000;
+
+/// Something recorded at a pose.
+#[derive(Debug, Clone)]
+pub struct Sample {
+    /// The frame.
+    pub frame: u64,
+    /// Where it was taken.
+    pub pose: Pose,
+    /// The observation, RGB.
+    pub pixels: Vec<u8>,
+}
+
+/// A model.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ModelSeen {
+    /// Frames that it was learned from.
+    pub frames: u64,
+    /// Mean slowness of its features.
+    pub mean: f64,
+    /// Slowness of the slowest one.
+    pub slowest: f64,
+}
+
+/// A trial beside the run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Tried {
+    /// The newest frame that the policy had learned from.
+    pub frame: u64,
+    /// Share of trials that arrived.
+    pub success: f64,
+    /// Lower end of its interval.
+    pub low: f64,
+    /// Convergence quality.
+    pub quality: f64,
+}
+
+/// How the program was doing; the worst of several where they were merged.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct HealthSeen {
+    /// Seconds since the first message of the log.
+    pub seconds: f64,
+    /// Frames so far.
+    pub frames: u64,
+    /// Frames per second.
+    pub rate: f64,
+    /// Time from frame to action, 99th percentile, ms.
+    pub act_ms: f64,
+    /// Time of a frame through all actors, 99th percentile, ms.
+    pub frame_ms: f64,
+    /// Entries that wait in each queue.
+    pub depths: Vec<u32>,
+    /// Memory, bytes.
+    pub rss: u64,
+    /// Frames dropped so far.
+    pub dropped: u64,
+}
+
+impl HealthSeen {
+    fn merge(&mut self, other: Self) {
+        self.rate = self.rate.min(other.rate);
+        self.act_ms = self.act_ms.max(other.act_ms);
+        self.frame_ms = self.frame_ms.max(other.frame_ms);
+        self.rss = self.rss.max(other.rss);
+        self.dropped = self.dropped.max(other.dropped);
+        self.frames = other.frames;
+        for (i, depth) in other.depths.into_iter().enumerate() {
+            match self.depths.get_mut(i) {
+                Some(own) => *own = depth.max(*own),
+                None => self.depths.push(depth),
+            }
+        }
+    }
+}
+
+/// Sums of squared motion between frames that follow each other.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Motion {
+    /// Steps from frame to frame.
+    pub steps: f64,
+    /// Σ of squared distances, m².
+    pub distance: f64,
+    /// Σ of squared angles, rad².
+    pub angle: f64,
+}
+
+/// A topic's messages.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct TopicSeen {
+    /// Their type.
+    pub kind: String,
+    /// Their number.
+    pub messages: u64,
+}
+
+/// What a log holds, as far as a report shows it.
+#[derive(Debug)]
+pub struct Gathered {
+    /// What the log's files say of the run.
+    pub metadata: BTreeMap<String, String>,
+    /// Topics with messages.
+    pub topics: BTreeMap<String, TopicSeen>,
+    /// First and last stamp, nanoseconds.
+    pub stamps_ns: Option<(u64, u64)>,
+    /// Files, and those of them that were not closed.
+    pub files: usize,
+    /// Whether the last file was closed.
+    pub closed: bool,
+    /// Records that could not be read: their number, and the first ones.
+    pub damaged: u64,
+    /// The first of them.
+    pub damage: Vec<String>,
+    /// Observations that are missing between two others.
+    pub missing: u64,
+    /// Frames taken; number of the last one.
+    pub frames: u64,
+    /// Number of the first frame.
+    pub first_frame: Option<u64>,
+    /// Number of the last frame.
+    pub last_frame: u64,
+    /// Actions of each kind that were done.
+    pub actions: [u64; 3],
+    /// Of them, how many were blocked.
+    pub blocked: u64,
+    /// Decisions while exploring, while pursuing a task, and those that a reflex changed.
+    pub decided: [u64; 3],
+    /// Poses.
+    pub poses: u64,
+    /// The end of the way, frame by frame.
+    pub last: VecDeque<Pose>,
+    /// How often each cell was visited.
+    pub visits: BTreeMap<(i32, i32), u32>,
+    /// Motion while driving, and while turning.
+    pub motion: [Motion; 2],
+    /// Observations with their poses, evenly over the run.
+    pub samples: Thin<Sample>,
+    /// Support vectors by frame.
+    pub growth: Thin<(u64, u32)>,
+    /// Where members of the dictionary were taken.
+    pub members: Thin<(u64, Pose)>,
+    /// Members whose pose is not known.
+    pub members_elsewhere: u64,
+    /// The frame from which on nothing more was accepted.
+    pub full_since: Option<u64>,
+    /// Frames that were left out because they are not finite.
+    pub quarantined: u64,
+    /// Models.
+    pub models: Thin<ModelSeen>,
+    /// Number of the newest model.
+    pub epoch: u32,
+    /// Slowness of the newest model's features.
+    pub slowness: Vec<f64>,
+    /// Trials beside the run, by task.
+    pub tried: BTreeMap<String, Thin<Tried>>,
+    /// How the program was doing.
+    pub health: Thin<HealthSeen>,
+    /// Names of the queues.
+    pub queues: Vec<String>,
+    /// Frames that the source dropped.
+    pub dropped: u64,
+    /// Warnings and errors: their number, and the first ones with their seconds.
+    pub warnings: u64,
+    /// The first of them.
+    pub said: Vec<(f64, String)>,
+    recent: VecDeque<(u64, Pose)>,
+    sequence: Option<u32>,
+}
+
+impl Gathered {
+    /// Read log files one after the other. `tell` is told now and then how many messages were read.
+    ///
+    /// # Errors
+    /// A file cannot be opened or read. Damage is part of the result.
+    pub fn of(files: Vec<PathBuf>, tell: &dyn Fn(u64)) -> Result<Self, LogError> {
+        let mut gathered = Gathered::empty(files.len());
+        let mut reader = FilesReader::new(files);
+        let mut read = 0u64;
+        for record in reader.by_ref() {
+            read += 1;
+            if read.is_multiple_of(20_000) {
+                tell(read);
+            }
+            match record.and_then(|record| gathered.read(&record)) {
+                Ok(()) => {}
+                Err(error @ (LogError::Open { .. } | LogError::Read { .. })) => return Err(error),
+                Err(error) => {
+                    gathered.damaged += 1;
+                    if gathered.damage.len() < SHOWN {
+                        gathered.damage.push(error.to_string());
+                    }
+                }
+            }
+        }
+        gathered.closed = reader.endings().last() == Some(&Ending::Complete);
+        Ok(gathered)
+    }
+
+    fn empty(files: usize) -> Self {
+        Gathered {
+            metadata: BTreeMap::new(),
+            topics: BTreeMap::new(),
+            stamps_ns: None,
+            files,
+            closed: false,
+            damaged: 0,
+            damage: Vec::new(),
+            missing: 0,
+            frames: 0,
+            first_frame: None,
+            last_frame: 0,
+            actions: [0; 3],
+            blocked: 0,
+            decided: [0; 3],
+            poses: 0,
+            last: VecDeque::new(),
+            visits: BTreeMap::new(),
+            motion: [Motion::default(); 2],
+            samples: Thin::first_of(SAMPLES),
+            growth: Thin::new(LINE, |a, b| *a = b),
+            members: Thin::first_of(MEMBERS),
+            members_elsewhere: 0,
+            full_since: None,
+            quarantined: 0,
+            models: Thin::new(LINE, |a, b| *a = b),
+            epoch: 0,
+            slowness: Vec::new(),
+            tried: BTreeMap::new(),
+            health: Thin::new(LINE, HealthSeen::merge),
+            queues: Vec::new(),
+            dropped: 0,
+            warnings: 0,
+            said: Vec::new(),
+            recent: VecDeque::new(),
+            sequence: None,
+        }
+    }
+
+    /// Whether this program wrote the log.
+    pub fn is_own(&self) -> bool {
+        !self.metadata.is_empty() || self.topics.contains_key(topics::FRAME.name())
+    }
+
+    /// Length of the log by its clock, seconds.
+    pub fn seconds(&self) -> f64 {
+        self.stamps_ns.map_or(0.0, |(first, last)| (last - first) as f64 / 1e9)
+    }
+
+    /// Seconds from the first message to a stamp.
+    pub fn seconds_at(&self, stamp_ns: u64) -> f64 {
+        self.stamps_ns.map_or(0.0, |(first, _)| stamp_ns.saturating_sub(first) as f64 / 1e9)
+    }
+
+    fn read(&mut self, record: &Record) -> Result<(), LogError> {
+        let (topic, schema, sequence, stamp) = match record {
+            Record::Message { topic, schema, sequence, log_time_ns, .. } => (topic, schema, *sequence, *log_time_ns),
+            Record::Metadata { name, map } if name == METADATA_NAME => {
+                if self.metadata.is_empty() {
+                    self.metadata.clone_from(map);
+                }
+                return Ok(());
+            }
+            _ => return Ok(()),
+        };
+        match self.topics.get_mut(&**topic) {
+            Some(seen) => seen.messages += 1,
+            None => {
+                self.topics.insert(topic.to_string(), TopicSeen { kind: schema.to_string(), messages: 1 });
+            }
+        }
+        let (first, last) = self.stamps_ns.unwrap_or((stamp, stamp));
+        self.stamps_ns = Some((first.min(stamp), last.max(stamp)));
+        // Another program may have another type on a topic of this name.
+        let known = topics::ALL.iter().any(|known| known.name == &**topic && known.message == &**schema);
+        let is = |name: &str| known && **topic == *name;
+        if is(topics::POSE.name()) {
+            let pose = record.decode::<PoseStamped>()?.pose;
+            let pose = Pose::new(Point2::new(pose.position.x, pose.position.y), pose.heading());
+            if pose.position.x.is_finite() && pose.position.y.is_finite() && pose.heading.is_finite() {
+                self.posed(u64::from(sequence), pose);
+            }
+        } else if is(topics::OBSERVATION.name()) {
+            self.observed(sequence, record)?;
+        } else if is(topics::FRAME.name()) {
+            self.taken(&record.decode()?);
+        } else if is(topics::DECISION.name()) {
+            let decision: Decision = record.decode()?;
+            self.decided[usize::from(decision.behaviour == Decision::PURSUE)] += 1;
+            self.decided[2] += u64::from(decision.reflex);
+        } else if is(topics::TRANSITION.name()) {
+            let transition: Transition = record.decode()?;
+            self.blocked += u64::from(transition.blocked);
+            if let Some(count) = self.actions.get_mut(usize::from(transition.action)) {
+                *count += 1;
+            }
+        } else if is(topics::DICTIONARY.name()) {
+            self.grew(&record.decode()?);
+        } else if is(topics::MODEL.name()) {
+            self.modelled(record.decode()?);
+        } else if is(topics::EVALUATION.name()) {
+            let tried: Evaluation = record.decode()?;
+            self.tried.entry(tried.task).or_insert_with(|| Thin::new(LINE, |a, b| *a = b)).push(Tried {
+                frame: tried.frame,
+                success: tried.success,
+                low: tried.success_wilson_low,
+                quality: tried.convergence_quality,
+            });
+        } else if is(topics::HEALTH.name()) {
+            self.measured(record.decode()?, stamp);
+        } else if is(topics::DIAGNOSTICS.name()) {
+            let said: Log = record.decode()?;
+            if said.level >= Log::WARN {
+                self.warnings += 1;
+                if self.said.len() < SHOWN {
+                    self.said.push((self.seconds_at(stamp), said.msg));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn posed(&mut self, frame: u64, pose: Pose) {
+        self.passed(pose);
+        if self.recent.len() == RECENT {
+            self.recent.pop_front();
+        }
+        self.recent.push_back((frame, pose));
+    }
+
+    /// The robot passed through a pose.
+    pub fn passed(&mut self, pose: Pose) {
+        self.poses += 1;
+        if self.last.len() == LAST {
+            self.last.pop_front();
+        }
+        self.last.push_back(pose);
+        let cell = (pose.position / CELL).coords.map(|c| c.floor() as i32);
+        if self.visits.len() < CELLS || self.visits.contains_key(&(cell.x, cell.y)) {
+            *self.visits.entry((cell.x, cell.y)).or_insert(0) += 1;
+        }
+    }
+
+    fn pose_of(&self, frame: u64) -> Option<Pose> {
+        // Frames come in order; where they do not, some are not found.
+        let found = self.recent.binary_search_by_key(&frame, |recent| recent.0).ok()?;
+        self.recent.get(found).map(|recent| recent.1)
+    }
+
+    fn observed(&mut self, sequence: u32, record: &Record) -> Result<(), LogError> {
+        if let Some(last) = self.sequence {
+            let ahead = sequence.wrapping_sub(last);
+            if (2..1 << 31).contains(&ahead) {
+                self.missing += u64::from(ahead) - 1;
+            }
+        }
+        self.sequence = Some(sequence);
+        let Some((_, pose)) = self.recent.back().copied().filter(|recent| recent.0 == u64::from(sequence)) else {
+            return Ok(());
+        };
+        let make = || Ok(Sample { frame: u64::from(sequence), pose, pixels: record.decode::<Image>()?.data });
+        self.samples.offer(make)
+    }
+
+    fn taken(&mut self, taken: &FrameTaken) {
+        let follows = self.first_frame.is_some() && taken.frame == self.last_frame + 1;
+        self.frames += 1;
+        self.first_frame.get_or_insert(taken.frame);
+        self.last_frame = self.last_frame.max(taken.frame);
+        if let (true, Some([a, b])) = (follows && taken.action != FrameTaken::NO_ACTION, self.last_two(taken.frame)) {
+            let motion = &mut self.motion[usize::from(taken.action != Decision::FORWARD)];
+            motion.steps += 1.0;
+            motion.distance += (b.position - a.position).norm_squared();
+            motion.angle += wrap(b.heading - a.heading).powi(2);
+        }
+    }
+
+    /// The poses of a frame and of the one before, if they were the last two.
+    fn last_two(&self, frame: u64) -> Option<[Pose; 2]> {
+        let before = self.recent.len().checked_sub(2)?;
+        let (a, b) = (self.recent.get(before)?, self.recent.back()?);
+        (a.0 + 1 == b.0 && b.0 == frame).then_some([a.1, b.1])
+    }
+
+    fn grew(&mut self, growth: &DictionaryGrowth) {
+        self.growth.push((growth.last_frame, growth.size));
+        self.quarantined += growth.quarantined.len() as u64;
+        for &frame in &growth.accepted {
+            match self.pose_of(frame) {
+                Some(pose) => self.members.push((frame, pose)),
+                None => self.members_elsewhere += 1,
+            }
+        }
+        if !growth.at_budget {
+            self.full_since = None;
+        } else {
+            self.full_since.get_or_insert(growth.last_frame);
+        }
+    }
+
+    fn modelled(&mut self, model: ModelUpdate) {
+        let mean = model.slowness.iter().sum::<f64>() / model.slowness.len().max(1) as f64;
+        let slowest = model.slowness.first().copied().unwrap_or(f64::NAN);
+        self.models.push(ModelSeen { frames: model.frames, mean, slowest });
+        self.epoch = model.epoch;
+        self.slowness = model.slowness;
+    }
+
+    fn measured(&mut self, health: Health, stamp: u64) {
+        self.dropped = self.dropped.max(health.dropped_frames);
+        self.quarantined = self.quarantined.max(health.quarantined_frames);
+        if self.queues.is_empty() {
+            self.queues = health.queues;
+        }
+        self.health.push(HealthSeen {
+            seconds: self.seconds_at(stamp),
+            frames: health.frames,
+            rate: health.frames_per_second,
+            act_ms: health.act_p99_ms,
+            frame_ms: health.frame_p99_ms,
+            depths: health.queue_depths,
+            rss: health.rss_bytes,
+            dropped: health.dropped_frames,
+        });
+    }
+}

@@ -1,0 +1,160 @@
+//! What was learned, looked at from every place of an even grid and eight headings: the thesis's test maps.
+
+use std::f64::consts::TAU;
+
+use faer::Par;
+use rayon::prelude::*;
+
+use super::draw::Grid;
+use crate::policy::{Learned, columns};
+use crate::scenario::{Detail, Scenario};
+use crate::vision::{Observation, observe};
+use crate::world::{Looks, Image, Pose, World};
+
+/// Headings, counter-clockwise from the x-axis.
+pub const HEADINGS: usize = 8;
+
+/// Places along the longer and the shorter side of the room.
+///
+/// # Reference
+/// Thesis §5.2: "8 test maps (in 45° steps) with 64 × 32 equidistant coordinates".
+pub const PLACES: [usize; 2] = [64, 32];
+
+/// Features whose maps are kept.
+pub const FEATURES: usize = 12;
+
+/// Places that are looked at together: with all headings as many images as one matrix product has columns.
+const BLOCK: usize = 32;
+
+/// More products than this, and the grid is made coarser: some ten seconds of two cores.
+const MOST_PRODUCTS: f64 = 2e12;
+
+/// Camera images of more pixels are rendered as coarsely as vision allows.
+const MOST_PIXELS: usize = 640 * 480;
+
+/// Numbers of a map, one for each place; NaN where the robot cannot be.
+pub type Map = Vec<f64>;
+
+/// What was learned, at all places and headings.
+#[derive(Debug, Clone)]
+pub struct Survey {
+    /// The places.
+    pub grid: Grid,
+    /// Of the first features, without the constant one, a map for each heading.
+    pub features: Vec<[Map; HEADINGS]>,
+    /// Of each task, the value of the best action, a map for each heading.
+    pub values: Vec<[Map; HEADINGS]>,
+    /// Of each task, the number of the best action, a map for each heading.
+    pub best: Vec<[Map; HEADINGS]>,
+    /// Whether images were rendered for vision alone.
+    pub coarse: bool,
+}
+
+/// The angle of a heading, radians.
+pub fn angle(heading: usize) -> f64 {
+    TAU * heading as f64 / HEADINGS as f64
+}
+
+/// What one place shows at one heading: features, then for each task the value and number of the best action.
+struct Look {
+    features: Vec<f64>,
+    tasks: Vec<(f64, usize)>,
+}
+
+impl Survey {
+    /// Look around at every place of a grid that the robot can reach, through a camera without noise.
+    pub fn new(scenario: &Scenario, world: &World, learned: &Learned) -> Self {
+        let grid = grid(world, learned);
+        let coarse =
+            scenario.camera.detail == Detail::Full && scenario.camera.width * scenario.camera.height > MOST_PIXELS;
+        let own = coarse.then(|| {
+            let mut scenario = scenario.clone();
+            scenario.camera.detail = Detail::Vision;
+            Looks::new(&scenario).ok()
+        });
+        let own = own.flatten();
+        let camera = own.as_ref().unwrap_or(&world.looks).camera(learned.asked_at + 1);
+        let places: Vec<[f64; 2]> = grid.points().collect();
+        let inside: Vec<usize> = (0..places.len()).filter(|&i| world.plan.is_reachable(places[i].into())).collect();
+        let shown = FEATURES.min(learned.model.slowness.len());
+        let look = |image: &mut Image, block: &[usize]| -> Vec<Look> {
+            let poses = block.iter().flat_map(|&i| (0..HEADINGS).map(move |h| (i, h)));
+            let seen: Vec<Observation> = poses
+                .map(|(i, h)| {
+                    camera.render_into(&Pose::new(places[i].into(), angle(h)), image);
+                    observe(image, &scenario.vision, 0)
+                })
+                .collect();
+            looks(learned, &seen, shown)
+        };
+        let looked: Vec<Vec<Look>> = inside.par_chunks(BLOCK).map_init(Image::default, look).collect();
+        let empty = || std::array::from_fn(|_| vec![f64::NAN; places.len()]);
+        let tasks = learned.weights.len();
+        let mut survey = Survey {
+            grid,
+            features: (0..shown).map(|_| empty()).collect(),
+            values: (0..tasks).map(|_| empty()).collect(),
+            best: (0..tasks).map(|_| empty()).collect(),
+            coarse: own.is_some(),
+        };
+        for (number, look) in looked.iter().flatten().enumerate() {
+            let (place, heading) = (inside[number / HEADINGS], number % HEADINGS);
+            for (maps, &value) in survey.features.iter_mut().zip(&look.features) {
+                maps[heading][place] = value;
+            }
+            for (task, &(value, action)) in look.tasks.iter().enumerate() {
+                survey.values[task][heading][place] = value;
+                survey.best[task][heading][place] = action as f64;
+            }
+        }
+        survey
+    }
+
+    /// Value of a task at each place, mean over all headings, and the heading of the highest value.
+    pub fn worth(&self, task: usize) -> Vec<(f64, usize)> {
+        let maps = &self.values[task];
+        (0..maps[0].len())
+            .map(|place| {
+                let best = (0..HEADINGS).max_by(|&a, &b| maps[a][place].total_cmp(&maps[b][place])).unwrap_or(0);
+                (maps.iter().map(|map| map[place]).sum::<f64>() / HEADINGS as f64, best)
+            })
+            .collect()
+    }
+}
+
+/// 64 × 32 places, the longer side along the room's.
+fn grid(world: &World, learned: &Learned) -> Grid {
+    let (low, high) = world.plan.reachable_box();
+    let size = high - low;
+    let [mut columns, mut rows] = if size.x >= size.y { PLACES } else { [PLACES[1], PLACES[0]] };
+    let members = learned.model.members.as_ref().as_ref();
+    let products = |places: usize| (places * HEADINGS) as f64 * members.nrows() as f64 * members.ncols() as f64;
+    while products(columns * rows) > MOST_PRODUCTS && columns.min(rows) > 8 {
+        (columns, rows) = (columns / 2, rows / 2);
+    }
+    Grid { columns, rows, low: low.into(), high: high.into() }
+}
+
+/// Features of observations, and what the policies make of them.
+fn looks(learned: &Learned, seen: &[Observation], shown: usize) -> Vec<Look> {
+    let phi = learned.features(columns(seen.iter()).as_ref(), Par::Seq);
+    let best = |weights: &faer::Mat<f64>, j: usize| {
+        let q = (0..weights.ncols())
+            .map(|a| (0..phi.nrows()).map(|i| weights[(i, a)] * phi[(i, j)]).sum::<f64>())
+            .enumerate();
+        q.fold((f64::NEG_INFINITY, 0), |best, (a, q)| if q > best.0 { (q, a) } else { best })
+    };
+    (0..seen.len())
+        .map(|j| Look {
+            // The first feature is the constant one.
+            features: (0..shown).map(|i| phi[(i + 1, j)]).collect(),
+            tasks: learned.weights.iter().map(|weights| best(weights, j)).collect(),
+        })
+        .collect()
+}
+
+/// Features of recorded observations, `shown` for each, where there is no world to look at.
+pub fn features_of(learned: &Learned, seen: &[Observation], shown: usize) -> Vec<Vec<f64>> {
+    let blocks = seen.par_chunks(BLOCK * HEADINGS);
+    blocks.flat_map_iter(|block| looks(learned, block, shown)).map(|look| look.features).collect()
+}
