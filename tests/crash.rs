@@ -54,7 +54,7 @@ fn seed() -> u64 {
 
 fn arguments(name: &str, sets: &[&str]) -> Vec<String> {
     let scenario = package_file("scenarios/smoke.toml").display().to_string();
-    let mut all = vec!["run".into(), scenario, "--quiet".into(), "--out".into(), name.into()];
+    let mut all = vec!["run".into(), scenario, "--quiet".into(), "--no-report".into(), "--out".into(), name.into()];
     for set in SHORT.iter().chain(sets) {
         all.extend(["--set".to_owned(), (*set).to_owned()]);
     }
@@ -72,7 +72,7 @@ fn start(folder: &Path, arguments: &[String]) -> Child {
 }
 
 fn resume_arguments(name: &str) -> Vec<String> {
-    ["resume", name, "--quiet"].map(str::to_owned).to_vec()
+    ["resume", name, "--quiet", "--no-report"].map(str::to_owned).to_vec()
 }
 
 /// The run that is not interrupted: its digest, and how long it takes.
@@ -436,14 +436,14 @@ fn a_run_that_had_not_begun_says_what_to_do() {
         let definitions = chunk_boundaries(&std::fs::read(folder.join("whole/run_000.mcap")).unwrap())[1];
         for length in [0, 8, 20, definitions] {
             cut_copy(folder, "begun", 0, length);
-            let output = adagio(folder, &["resume", "begun"]);
+            let output = adagio(folder, &["resume", "begun", "--no-report"]);
             assert_eq!(output.status.code(), Some(1), "{length}: {}", stderr(&output));
             let text = stderr(&output);
             assert!(text.contains("begun") && text.contains("adagio run SCENARIO"), "{length}: {text}");
             check(folder, "begun", "a run that had not begun");
         }
         std::fs::remove_file(folder.join("begun/run_000.mcap")).unwrap();
-        let output = adagio(folder, &["resume", "begun"]);
+        let output = adagio(folder, &["resume", "begun", "--no-report"]);
         assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
         assert!(stderr(&output).contains("adagio run SCENARIO"), "{}", stderr(&output));
     });

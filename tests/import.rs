@@ -214,7 +214,7 @@ fn observations(run: &Path) -> BTreeMap<u64, Vec<u8>> {
 fn replay(folder: &Path, bag: &Path, out: &str, more: &[&str]) -> PathBuf {
     let scenario = smoke();
     let (bag, scenario) = (bag.to_str().unwrap(), scenario.as_str());
-    let arguments = [&["replay", bag, "--scenario", scenario, "--out", out, "--quiet"], more].concat();
+    let arguments = [&["replay", bag, "--scenario", scenario, "--out", out, "--quiet", "--no-report"], more].concat();
     let output = adagio(folder, &arguments);
     assert!(output.status.success(), "{}", stderr(&output));
     println!("{}", stdout(&output));

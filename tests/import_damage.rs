@@ -135,7 +135,8 @@ fn bag(folder: &Path, frames: u64, mut picture: impl FnMut(&mut Bag, u64)) -> Pa
 
 fn replay(folder: &Path, more: &[&str]) -> Output {
     let smoke = package_file("scenarios/smoke.toml");
-    let arguments = ["replay", "bag.mcap", "--scenario", smoke.to_str().unwrap(), "--out", "run", "--no-evaluate"];
+    let arguments =
+        ["replay", "bag.mcap", "--scenario", smoke.to_str().unwrap(), "--out", "run", "--no-evaluate", "--no-report"];
     // Short bags still give a model.
     let small = ["--quiet", "--set", "dictionary.sigma_frames=50", "--set", "slow.features=10"];
     adagio(folder, &[&arguments[..], &small, more].concat())

@@ -33,7 +33,7 @@ fn a_lockstep_run_is_repeated_from_its_log() {
     // Observations and frames; transitions, decisions and commands; blocks, requests, models.
     assert!(verified["recorded_messages"].as_u64().unwrap() > 2 * 2001 + 3 * 400);
     // With another queue and more threads, too.
-    let output = adagio(folder.path(), &["replay", "run", "--out", "again", "--quiet"]);
+    let output = adagio(folder.path(), &["replay", "run", "--out", "again", "--quiet", "--no-report"]);
     assert!(output.status.success(), "{}", stderr(&output));
     let again = report(&folder.path().join("again"));
     assert_eq!(again["digest"], report(&run)["digest"]);
@@ -78,7 +78,8 @@ fn frames_that_were_dropped_are_missing_in_the_replay_too() {
     assert_eq!(checked[0]["missing_observations"], dropped);
     // Other settings see the same frames, and no fewer because they are given faster; twice they learn the same.
     let analysed = ["one", "two"].map(|name| {
-        let set = ["replay", "run", "--set", "slow.features=20", "--out", name, "--quiet", "--no-evaluate"];
+        let set =
+            ["replay", "run", "--set", "slow.features=20", "--out", name, "--quiet", "--no-evaluate", "--no-report"];
         let output = adagio(folder.path(), &set);
         assert!(output.status.success(), "{}", stderr(&output));
         let analysis = report(&folder.path().join(name));
@@ -92,7 +93,18 @@ fn frames_that_were_dropped_are_missing_in_the_replay_too() {
 fn other_settings_learn_otherwise_from_the_same_frames_and_compare_says_so() {
     let folder = tempfile::tempdir().unwrap();
     smoke_run(folder.path(), "run", &[]);
-    let set = ["replay", "run", "--set", "slow.features=20", "--set", "value.gamma=0.8", "--out", "other", "--quiet"];
+    let set = [
+        "replay",
+        "run",
+        "--set",
+        "slow.features=20",
+        "--set",
+        "value.gamma=0.8",
+        "--out",
+        "other",
+        "--quiet",
+        "--no-report",
+    ];
     let output = adagio(folder.path(), &set);
     assert!(output.status.success(), "{}", stderr(&output));
     let other = report(&folder.path().join("other"));
@@ -155,7 +167,7 @@ fn a_run_that_was_cut_off_anywhere_goes_on_to_the_same_end() {
         let name = format!("cut_{number}");
         let run = smoke_run(folder.path(), &name, &[]);
         cut(&run, share);
-        let output = adagio(folder.path(), &["resume", &name, "--quiet"]);
+        let output = adagio(folder.path(), &["resume", &name, "--quiet", "--no-report"]);
         assert!(output.status.success(), "cut to {share}: {}", stderr(&output));
         let resumed = report(&run);
         assert_eq!(resumed["digest"], whole["digest"], "cut to {share}");
@@ -175,7 +187,7 @@ fn a_realtime_run_that_was_cut_off_goes_on_and_is_repeated() {
     cut(&run, 0.5);
     for _ in 0..2 {
         // The second time there is nothing left to do but to evaluate.
-        let output = adagio(folder.path(), &["resume", "run", "--quiet"]);
+        let output = adagio(folder.path(), &["resume", "run", "--quiet", "--no-report"]);
         assert!(output.status.success(), "{}", stderr(&output));
         assert_eq!(report(&run)["run"]["frames"], 2001);
         assert_eq!(verify(folder.path(), "run")["digest"], report(&run)["digest"]);
@@ -219,7 +231,7 @@ fn a_run_that_was_interrupted_goes_on_to_the_end_of_one_that_was_not() {
     assert!(copy.unwrap().success());
     std::fs::remove_file(from_log.join("state.safetensors")).unwrap();
     for (name, expected) in [("run", "where the state of the run was kept"), ("from_log", "learning again from")] {
-        let output = adagio(folder.path(), &["resume", name]);
+        let output = adagio(folder.path(), &["resume", name, "--no-report"]);
         assert!(output.status.success(), "{name}: {}", stderr(&output));
         assert!(stderr(&output).contains(expected), "{name}: {}", stderr(&output));
         let resumed = report(&folder.path().join(name));
@@ -242,7 +254,7 @@ fn a_run_that_was_killed_goes_on_from_the_last_state_that_was_kept() {
         signalled(folder.path(), &settings, 1_200_000, "-KILL");
         let run = folder.path().join("run");
         assert!(run.join("state.safetensors").is_file(), "{mode}, {selection}: no state was kept");
-        let output = adagio(folder.path(), &["resume", "run"]);
+        let output = adagio(folder.path(), &["resume", "run", "--no-report"]);
         assert!(output.status.success(), "{mode}, {selection}: {}", stderr(&output));
         assert!(stderr(&output).contains("where the state of the run was kept"), "{}", stderr(&output));
         let resumed = report(&run);
@@ -268,7 +280,7 @@ fn a_state_that_is_damaged_or_ahead_of_the_log_is_left_aside() {
     let middle = damaged.len() / 2;
     damaged[middle] ^= 1;
     std::fs::write(&state, damaged).unwrap();
-    let output = adagio(folder.path(), &["resume", "run"]);
+    let output = adagio(folder.path(), &["resume", "run", "--no-report"]);
     assert!(output.status.success() && stderr(&output).contains("its digest is not that of its content"));
     assert_eq!(report(&run)["digest"], whole["digest"]);
     // The log is shorter than it was when the state was kept, as after a power loss.
@@ -277,7 +289,7 @@ fn a_state_that_is_damaged_or_ahead_of_the_log_is_left_aside() {
         std::fs::remove_file(path).unwrap();
     }
     cut(&run, 0.1);
-    let output = adagio(folder.path(), &["resume", "run"]);
+    let output = adagio(folder.path(), &["resume", "run", "--no-report"]);
     assert!(output.status.success() && stderr(&output).contains("is ahead of the log"), "{}", stderr(&output));
     assert_eq!(report(&run)["digest"], whole["digest"]);
 }

@@ -38,6 +38,8 @@ pub struct Drive<'a> {
     pub likely_actions: Option<u64>,
     /// Whether what was learned is tried out in the simulated world, and drawn there.
     pub evaluate: bool,
+    /// Whether there is a page with drawings at the end.
+    pub report: bool,
     pub origin: Origin,
     /// Whether the state of the run is put away now and then, so that it can go on from there.
     pub keep: bool,
@@ -98,6 +100,9 @@ impl Drive<'_> {
         let report = Report::new(scenario, &outcome, tasks, pose, self.origin, source.imported());
         let json = serde_json::to_string_pretty(&report).map_err(|e| text(&e))?;
         write(self.run, "report.json", json.as_bytes())?;
+        if !self.report {
+            return Ok(report);
+        }
         let learned = outcome.learned.as_deref();
         let known = report::Known { scenario, world, simulated: self.evaluate, learned, trials, pose };
         // The report shows what is kept elsewhere already: a run does not fail for it.

@@ -58,6 +58,7 @@ pub fn import(args: &ReplayArgs, file: &Path, stop: &AtomicBool) -> Ending {
             most_actions: None,
             likely_actions: Some((scenario.actions / scenario.robot.frames_per_action) as u64),
             evaluate: !args.no_evaluate,
+            report: !args.no_report,
             origin,
             keep: false,
             state: None,

@@ -104,6 +104,9 @@ pub struct RunArgs {
     /// Change a key of the scenario, such as dictionary.nu=0.02 or task.0.radius=0.3; repeatable.
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<String>,
+    /// No report.html and drawings at the end: `adagio report RUN` can make them later.
+    #[arg(long)]
+    pub no_report: bool,
     /// No progress on stderr.
     #[arg(long)]
     pub quiet: bool,
@@ -174,6 +177,9 @@ pub struct ReplayArgs {
     /// Folder for the new run, which must not exist yet [default: a new one under logs/].
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// No report.html and drawings at the end: `adagio report RUN` can make them later.
+    #[arg(long)]
+    pub no_report: bool,
     /// No progress on stderr.
     #[arg(long)]
     pub quiet: bool,
@@ -187,6 +193,9 @@ pub struct ReplayArgs {
 pub struct ResumeArgs {
     /// Run folder.
     pub run: PathBuf,
+    /// No report.html and drawings at the end: `adagio report RUN` can make them later.
+    #[arg(long)]
+    pub no_report: bool,
     /// No progress on stderr.
     #[arg(long)]
     pub quiet: bool,

@@ -96,6 +96,7 @@ fn again(
             most_actions: Some(recording.course.decisions()),
             likely_actions: None,
             evaluate: !args.no_evaluate,
+            report: !args.no_report,
             origin,
             keep: false,
             state: None,

@@ -110,6 +110,7 @@ fn go_on(
         most_actions: None,
         likely_actions: None,
         evaluate: true,
+        report: !args.no_report,
         origin,
         keep: true,
         state: kept.map(|kept| kept.parts),

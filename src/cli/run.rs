@@ -95,6 +95,7 @@ fn in_folder(scenario: &Arc<Scenario>, run: &Path, args: &RunArgs, stop: &Atomic
         most_actions: None,
         likely_actions: None,
         evaluate: true,
+        report: !args.no_report,
         origin,
         keep: true,
         state: None,

@@ -40,9 +40,7 @@ impl Steps {
 
     /// A step has come this far.
     pub fn at(&self, what: &str) {
-        if self.bar.is_some() {
-            self.begin(what);
-        } else if self.last_line.get().elapsed() >= LINE_INTERVAL {
+        if self.bar.is_some() || self.last_line.get().elapsed() >= LINE_INTERVAL {
             self.begin(what);
         }
     }

@@ -85,17 +85,17 @@ pub fn make(title: &str, material: &Material<'_>) -> Result<Made, DrawError> {
 fn log(page: &mut Page, material: &Material<'_>) {
     let gathered = material.gathered;
     page.section("log", "The log");
-    let mut about = Table::new(&["", ""]);
+    let mut about = Vec::new();
     for key in ["scenario_name", "seed", "version", "commit", "scenario_sha256", "replay_of"] {
         if let Some(value) = gathered.metadata.get(key) {
-            about.row([key.replace('_', " "), value.clone()]);
+            about.push((key.replace('_', " "), value.clone()));
         }
     }
     if let Ok(learned) = &material.learned {
-        about.row(["digest".to_owned(), learned.digest()]);
+        about.push(("digest".to_owned(), learned.digest()));
     }
-    if !about.rows.is_empty() {
-        page.table(&about);
+    if !about.is_empty() {
+        page.facts(&about);
     }
     let mut table = Table::new(&["topic", "messages", "type"]);
     for (topic, seen) in &gathered.topics {

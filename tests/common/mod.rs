@@ -114,10 +114,10 @@ pub fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// Run the smoke scenario into `folder/name`, which must succeed; the run folder.
+/// Run the smoke scenario into `folder/name`, which must succeed, without drawings; the run folder.
 pub fn smoke_run(folder: &Path, name: &str, arguments: &[&str]) -> PathBuf {
     let scenario = package_file("scenarios/smoke.toml");
-    let mut all = vec!["run", scenario.to_str().unwrap(), "--quiet", "--out", name];
+    let mut all = vec!["run", scenario.to_str().unwrap(), "--quiet", "--no-report", "--out", name];
     all.extend(arguments);
     let output = adagio(folder, &all);
     assert!(output.status.success(), "{}", stderr(&output));

@@ -52,7 +52,9 @@ impl Axis {
         if self.log {
             return (0.8 * low, 1.25 * high);
         }
-        let low = if from_zero && low >= 0.0 { 0.0 } else { low };
+        // What begins near zero begins there.
+        let near = from_zero || low < 0.3 * high;
+        let low = if near && low >= 0.0 { 0.0 } else { low };
         let high = if high > low { high } else { low + 1.0 };
         // Room above the highest line, and below the lowest if that is not the axis.
         let room = if from_zero { 0.05 * (high - low) } else { 0.0 };

@@ -22,12 +22,12 @@ use plotters::prelude::*;
 use thiserror::Error;
 
 /// Width of a drawing, pixels.
-pub const WIDTH: u32 = 560;
+pub const WIDTH: u32 = 520;
 
 /// Sizes of letters; the library's unit is 1.24 of a pixel's.
-pub const TITLE: u32 = 20;
+pub const TITLE: u32 = 21;
 /// Labels of axes and legends.
-pub const TEXT: u32 = 17;
+pub const TEXT: u32 = 18;
 /// Numbers at axes, labels of small maps.
 pub const SMALL: u32 = 15;
 
@@ -37,13 +37,16 @@ pub const INK: RGBColor = RGBColor(40, 44, 52);
 pub const FAINT: RGBColor = RGBColor(226, 228, 232);
 
 /// Colours of lines in their order: they differ in lightness, too.
-pub const SERIES: [RGBColor; 6] = [
+pub const SERIES: [RGBColor; 9] = [
     RGBColor(38, 96, 150),
     RGBColor(214, 120, 40),
     RGBColor(46, 139, 87),
     RGBColor(150, 60, 130),
     RGBColor(120, 120, 120),
     RGBColor(170, 140, 20),
+    RGBColor(30, 170, 180),
+    RGBColor(230, 120, 150),
+    RGBColor(110, 70, 30),
 ];
 
 /// What went wrong.

@@ -74,11 +74,11 @@ body{margin:0 auto;max-width:1240px;padding:16px;background:var(--paper);color:v
 h1{font-size:1.5rem;line-height:1.25;margin:.2em 0 .5em}
 h2{font-size:1.2rem;margin:2em 0 .4em;border-bottom:1px solid var(--line)}
 p{margin:.5em 0;max-width:75ch}
-.verdict{background:var(--box);border-left:5px solid var(--soft);padding:.6em 1em;margin:.8em 0}
+.verdict{max-width:80ch;background:var(--box);border-left:5px solid var(--soft);padding:.6em 1em;margin:.8em 0}
 .verdict.good{border-color:var(--good)}.verdict.fair{border-color:var(--fair)}.verdict.bad{border-color:var(--bad)}
 .verdict strong{font-size:1.15rem}
 .note{color:var(--soft)}
-.figures{display:grid;grid-template-columns:repeat(auto-fill,minmax(min(100%,500px),1fr));gap:16px;margin:.8em 0}
+.figures{display:grid;grid-template-columns:repeat(auto-fill,minmax(min(100%,480px),1fr));gap:16px;margin:.8em 0}
 figure{margin:0;min-width:0}
 figure svg{display:block;width:100%;height:auto;background:#fff;border:1px solid var(--line);border-radius:4px}
 figcaption{color:var(--soft);font-size:.9rem;margin-top:.3em}
@@ -87,6 +87,8 @@ table{border-collapse:collapse;font-variant-numeric:tabular-nums}
 th,td{padding:.2em .7em;border-bottom:1px solid var(--line);text-align:right;white-space:nowrap}
 th{color:var(--soft);font-weight:600}
 th:first-child,td:first-child{text-align:left;white-space:normal}
+dl{display:grid;grid-template-columns:max-content 1fr;gap:.2em 1.2em;margin:.6em 0}
+dt{color:var(--soft)}dd{margin:0;overflow-wrap:anywhere}
 details{margin:.6em 0}
 summary{cursor:pointer}
 nav{font-size:.95rem}nav a{margin-right:1em;display:inline-block}
@@ -144,6 +146,15 @@ impl Page {
     /// A table.
     pub fn table(&mut self, table: &Table) {
         self.add(&table.html());
+    }
+
+    /// Names and what they stand for.
+    pub fn facts(&mut self, facts: &[(String, String)]) {
+        let mut html = String::from("<dl>\n");
+        for (name, value) in facts {
+            let _ = writeln!(html, "<dt>{}</dt><dd>{}</dd>", escape(name), escape(value));
+        }
+        self.add(&(html + "</dl>\n"));
     }
 
     /// A table that is opened on demand.

@@ -166,7 +166,7 @@ const MARGIN: f64 = 10.0;
 /// Room for the numbers at the axes, pixels.
 const NUMBERS: (f64, f64) = (44.0, 42.0);
 /// Room for the scale of colours, pixels.
-const SCALE: u32 = 44;
+const SCALE: u32 = 58;
 
 impl Panels {
     /// One large panel or several, without values, numbers or a legend.
@@ -195,7 +195,9 @@ impl Panels {
         let width = (all / per_row as f64).min(TALLEST * wide / high).floor();
         let label = if self.panels.iter().any(|panel| !panel.label.is_empty()) { 20.0 } else { 0.0 };
         let key: Vec<_> = self.key.iter().map(|(colour, name)| (*colour, &**name)).collect();
-        let top = f64::from(TOP + key_height(&key));
+        // The name of the axis upwards stands above it.
+        let above = if self.axes { 14 } else { 0 };
+        let top = f64::from(TOP + key_height(&key) + above);
         Layout { left, top, width, height: (width * high / wide).ceil(), label, gap, per_row }
     }
 
@@ -350,8 +352,8 @@ impl Panels {
             }
             x += LENGTH;
             root.draw(&Rectangle::new([(x - LENGTH, top), (x, top + 16)], INK.mix(0.4)))?;
-            let label = format!("{}   {}", numbers[1], self.scale);
-            return root.draw(&Text::new(label, (x + 8, top + 2), text(TEXT)));
+            root.draw(&Text::new(numbers[1].clone(), (x + 8, top + 2), text(TEXT)))?;
+            return root.draw(&Text::new(self.scale.clone(), (MARGIN as i32, top + 26), text(TEXT)));
         };
         let entries: Vec<_> = classes.iter().map(|(colour, name)| (*colour, &**name)).collect();
         key(root, top, &entries)

@@ -46,7 +46,7 @@ fn maps(material: &Material<'_>, survey: &Survey) -> Result<Vec<Item>, DrawError
             grid: Some(grid),
             colours: Colours::Diverging(REACH),
             scale: "response, standard deviations".to_owned(),
-            outline: material.walls(2),
+            outline: material.walls(1),
             per_row: 4,
             ..Panels::new(&title, (low, high), headings(feature))
         }
@@ -121,7 +121,7 @@ fn scatter(material: &Material<'_>, learned: &crate::policy::Learned) -> Result<
         };
         let classes = [-REACH, 0.0, REACH].map(|value| (colours.of(value).unwrap_or_default(), format!("{value:+.0}")));
         let svg = Panels {
-            outline: material.walls(2),
+            outline: material.walls(1),
             per_row: 4,
             key: classes.into(),
             ..Panels::new(&title, (low, high), (0..HEADINGS).map(panel).collect())
@@ -187,9 +187,9 @@ fn slowness(material: &Material<'_>) -> Result<Vec<Item>, DrawError> {
             let line = Line::new("optimal responses", SERIES[1], numbered(&mut best.iter().copied()));
             lines.push(line.drawn(Stroke::Dashed));
             format!(
-                "Lower is slower. Optimal: what would be slowest for a robot that moved like this one and knew its pose (thesis \
-                 §4.1.2). The first {first} features are {:.2} times as fast as these, all {} are {:.2} times as fast \
-                 (geometric means).{note}",
+                "Lower is slower. Optimal: the slowest there could be for a robot of this speed that knew its pose and moved \
+                 evenly through the whole room (thesis §4.1.2); uneven motion can be slower. The first {first} features are \
+                 {:.2} times as fast as these, all {} are {:.2} times as fast (geometric means).{note}",
                 ratio(first),
                 own.len(),
                 ratio(own.len())

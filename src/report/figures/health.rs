@@ -33,16 +33,17 @@ pub fn section(material: &Material<'_>) -> Result<Section, DrawError> {
         ],
         "Over everything so far. The worst of each stretch where the run is long.",
     )?;
-    let queues = gathered.queues.iter().enumerate();
-    let lines =
-        queues.map(|(i, name)| line(name, i, &|health| health.depths.get(i).map_or(f64::NAN, |&d| f64::from(d))));
-    add(
-        "queues",
-        "Queue depths",
-        Axis::new("entries that wait"),
-        lines.collect(),
-        "A queue that stays full is behind one that is too slow.",
-    )?;
+    let depth = |i: usize| health.iter().filter_map(|health| health.depths.get(i)).max().copied().unwrap_or(0);
+    let (busy, idle): (Vec<_>, Vec<_>) = gathered.queues.iter().enumerate().partition(|(i, _)| depth(*i) > 0);
+    let lines = busy
+        .into_iter()
+        .map(|(i, name)| line(name, i, &|health| health.depths.get(i).map_or(f64::NAN, |&depth| f64::from(depth))));
+    let mut caption = "A queue that stays long waits for something too slow.".to_owned();
+    if !idle.is_empty() {
+        let idle: Vec<&str> = idle.into_iter().map(|(_, name)| &**name).collect();
+        caption += &format!(" Nothing ever waited in: {}.", idle.join(", "));
+    }
+    add("queues", "Queue depths", Axis::new("entries that wait"), lines.collect(), &caption)?;
     let lines = vec![line("", 0, &|health| health.rate)];
     add("speed", "Speed", Axis::new("frames per second"), lines, "By the wall clock.")?;
     let lines = vec![line("", 0, &|health| health.rss as f64 / 1e6)];

@@ -100,12 +100,11 @@ fn members(material: &Material<'_>) -> Result<Item, DrawError> {
     let title = "Where its members were taken";
     let (grid, values) = visits(material, low, high);
     let most = values.iter().copied().filter(|value| value.is_finite()).fold(1.0, f64::max);
-    let end = gathered.last_frame.max(1) as f64;
-    let mut marks: Vec<Mark> = gathered
-        .members
-        .iter()
-        .map(|(frame, pose)| Mark::Dot(pose.position.into(), 2, between(*frame as f64 / end)))
-        .collect();
+    let ends =
+        gathered.members.iter().fold((u64::MAX, 0), |(first, last), (frame, _)| (first.min(*frame), last.max(*frame)));
+    let age = |frame: u64| (frame - ends.0) as f64 / (ends.1 - ends.0).max(1) as f64;
+    let mut marks: Vec<Mark> =
+        gathered.members.iter().map(|(frame, pose)| Mark::Dot(pose.position.into(), 2, between(age(*frame)))).collect();
     marks.extend(material.walls(6));
     let svg = Panels {
         grid: Some(grid),
@@ -113,7 +112,10 @@ fn members(material: &Material<'_>) -> Result<Item, DrawError> {
         colours: Colours::Sequential(0.0, 2.0 * most),
         scale: "frames in a cell, as a power of ten".to_owned(),
         axes: true,
-        key: vec![(SERIES[0], "taken early".to_owned()), (SERIES[1], "taken late".to_owned())],
+        key: vec![
+            (SERIES[0], format!("taken first (frame {})", Numbered(ends.0))),
+            (SERIES[1], format!("last ({})", Numbered(ends.1))),
+        ],
         ..Panels::new(title, (low, high), vec![Panel { values, ..Panel::of(marks) }])
     }
     .svg()?;

@@ -14,32 +14,43 @@ use crate::world::in_goal;
 const ARROWS: usize = 18;
 
 /// What a task's values are called.
-const WORTH: &str = "value of the best action, mean of all headings";
+const WORTH: &str = "value of the best action, mean of headings";
 
 pub fn section(material: &Material<'_>) -> Result<Section, DrawError> {
     let mut items = Vec::new();
     let named = material.task_names();
     match (&material.room, material.survey) {
         (Some(_), Some(survey)) => {
-            for (task, name) in named.iter().enumerate().take(survey.values.len()) {
+            // In the order in which drawings of one height stand side by side.
+            let tasks = || named.iter().enumerate().take(survey.values.len());
+            for (task, name) in tasks() {
                 items.push(Item::Figure(room(material, survey, task, name)?));
+            }
+            items.push(way(material)?);
+            for (task, name) in tasks() {
                 items.push(Item::Figure(values(material, survey, task, name)?));
                 items.push(Item::Figure(best(material, survey, task, name)?));
             }
-        }
-        _ => items.push(Item::Missing(format!(
-            "There are no arrows and no value function of each place: {}.",
-            match (&material.learned, material.simulated) {
-                (Err(reason), _) => reason.clone(),
-                (Ok(_), false) =>
-                    "they need images from every place, and the room that the log was recorded in is not \
-                     simulated"
-                        .to_owned(),
-                (Ok(_), true) => "the room is not known".to_owned(),
+            if named.len() % 2 == 0 {
+                let way = items.remove(named.len().min(survey.values.len()));
+                items.push(way);
             }
-        ))),
+        }
+        _ => {
+            items.push(Item::Missing(format!(
+                "There are no arrows and no value function of each place: {}.",
+                match (&material.learned, material.simulated) {
+                    (Err(reason), _) => reason.clone(),
+                    (Ok(_), false) =>
+                        "they need images from every place, and the room that the log was recorded in is not \
+                     simulated"
+                            .to_owned(),
+                    (Ok(_), true) => "the room is not known".to_owned(),
+                }
+            )));
+            items.push(way(material)?);
+        }
     }
-    items.push(way(material)?);
     Ok(Section { name: "policy", heading: "Where it drives", items })
 }
 
@@ -107,7 +118,7 @@ fn values(material: &Material<'_>, survey: &Survey, task: usize, name: &str) -> 
     let svg = Panels {
         colours: Colours::Sequential(low, high),
         scale: "value of the best action".to_owned(),
-        outline: outline(material, task, 2),
+        outline: outline(material, task, 1),
         per_row: 2,
         key: vec![(GOAL, "goal".to_owned())],
         ..drawing(material, &title, survey, headings(maps))
@@ -128,7 +139,7 @@ fn best(material: &Material<'_>, survey: &Survey, task: usize, name: &str) -> Re
     let names = ["forward", "turn left", "turn right"].map(str::to_owned);
     let svg = Panels {
         colours: Colours::Classes(colours.into_iter().zip(names).collect()),
-        outline: outline(material, task, 2),
+        outline: outline(material, task, 1),
         per_row: 2,
         ..drawing(material, &title, survey, headings(&survey.best[task]))
     }

@@ -23,9 +23,10 @@ pub fn section(material: &Material<'_>) -> Result<Section, DrawError> {
         }
         None => Vec::new(),
     };
-    // From the middle of each part of the run.
-    let chosen = (0..SHOWN).filter_map(|i| samples.get((2 * i + 1) * samples.len() / (2 * SHOWN)).copied());
-    let chosen: Vec<&Sample> = chosen.collect();
+    // Of each part of the run the frame that shows most.
+    let parts = samples.chunks(samples.len().div_ceil(SHOWN).max(1));
+    let chosen: Vec<&Sample> =
+        parts.filter_map(|part| part.iter().copied().max_by_key(|sample| contrast(&sample.pixels))).collect();
     match (material.room, chosen.is_empty()) {
         (Some(room), false) => {
             let vision = &room.scenario.vision;
@@ -51,7 +52,8 @@ pub fn section(material: &Material<'_>) -> Result<Section, DrawError> {
             let caption = if material.simulated {
                 format!(
                     "After: the observations of {size} in the log. Before: rendered again from the poses in the log, without the \
-                     camera's noise, since the log keeps no camera images."
+                     camera's noise, since the log keeps no camera images. Of each quarter of the run the frame with most \
+                     contrast."
                 )
             } else {
                 format!("After preparation, {size}. The log keeps no camera images from before.")
@@ -64,4 +66,14 @@ pub fn section(material: &Material<'_>) -> Result<Section, DrawError> {
         _ => {}
     }
     Ok(Section { name: "seen", heading: "What it sees", items })
+}
+
+/// How much the values of an image differ: their variance, in whole numbers.
+fn contrast(pixels: &[u8]) -> u64 {
+    let n = pixels.len().max(1) as u64;
+    let (sum, squares) = pixels.iter().fold((0, 0), |(sum, squares), &value| {
+        let value = u64::from(value);
+        (sum + value, squares + value * value)
+    });
+    (squares / n).saturating_sub((sum / n).pow(2))
 }

@@ -93,7 +93,7 @@ fn trajectories(
             true => Mark::Dot(end.position.into(), 3, PATH.into()),
             false => Mark::Cross(end.position.into(), 4, BAD),
         }));
-        let best = way.optimal.map_or(String::new(), |best| format!(" (best {best})"));
+        let best = way.optimal.map_or(String::new(), |best| format!(", best {best}"));
         let label = match way.arrived {
             true => format!("{} steps{best}", way.steps()),
             false => format!("failed, {} steps", way.steps()),
@@ -103,7 +103,7 @@ fn trajectories(
     let title = format!("The worst trials of {name}, failures first");
     let corners = material.corners().unwrap_or(([0.0; 2], [1.0; 2]));
     let mut outline: Vec<Mark> = material.room.iter().map(|room| room.goal(task)).collect();
-    outline.extend(material.walls(2));
+    outline.extend(material.walls(1));
     let svg = Panels { outline, per_row: 4, ..Panels::new(&title, corners, panels.collect()) }.svg()?;
     let failed = ways.iter().filter(|way| !way.arrived).count();
     let caption = format!(
