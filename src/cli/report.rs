@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use super::drive::{NOT_TRIED, ROOM};
 use super::steps::Steps;
-use super::{Ending, ReportArgs, drive, folder, print, print_json};
+use super::{Ending, ReportArgs, folder, print, print_json};
 use crate::evaluate::{Evaluator, PoseDecode, TaskResult, Trajectory, decode_pose};
 use crate::log::log_files;
 use crate::policy::Learned;
@@ -48,8 +48,10 @@ pub fn at_end(run: &Path, known: &Known<'_>, quiet: bool) -> Result<(), String> 
     let made = known.make(&gathered, run, Vec::new(), &steps)?;
     fs::create_dir_all(run.join(PLOTS_NAME)).map_err(|e| e.to_string())?;
     let put = |path: &Path, bytes: &[u8]| {
-        let (folder, name) = (path.parent().unwrap_or(run), path.file_name().unwrap_or_default().to_string_lossy());
-        drive::write(folder, &name, bytes).map_err(io::Error::other)
+        // Aside, then renamed; it can be made again, so nobody waits until it is on the disk.
+        let aside = path.with_added_extension("part");
+        fs::write(&aside, bytes)?;
+        fs::rename(&aside, path)
     };
     write(&made, run, &put).map_err(|e| e.to_string())?;
     let seconds = begin.elapsed().as_secs_f64();
@@ -313,7 +315,7 @@ fn told(args: &ReportArgs, made: Made, gathered: &Gathered, out: &Path) -> Endin
         let kept = format!("kept in {page}, its {} drawings in {}\n", figures.len(), drawings.display());
         print(&format!("{}\n{}\n{}{kept}", verdict.headline, verdict.sentences.join("\n"), missing.concat()))
     };
-    let complete = gathered.damaged == 0 && gathered.missing == 0 && (gathered.closed || !gathered.is_own());
+    let complete = gathered.damaged == 0 && gathered.missing() == 0 && (gathered.closed || !gathered.is_own());
     if printed != Ending::Done || complete {
         return printed;
     }
@@ -321,8 +323,8 @@ fn told(args: &ReportArgs, made: Made, gathered: &Gathered, out: &Path) -> Endin
     if gathered.damaged > 0 {
         lost.push(format!("{} records could not be read", Numbered(gathered.damaged)));
     }
-    if gathered.missing > 0 {
-        lost.push(format!("{} observations are missing", Numbered(gathered.missing)));
+    if gathered.missing() > 0 {
+        lost.push(format!("{} observations are missing", Numbered(gathered.missing())));
     }
     if !gathered.closed {
         lost.push("the log was not closed".to_owned());

@@ -184,7 +184,7 @@ fn lost(material: &Material<'_>) -> String {
         (gathered.dropped, "frames were dropped"),
         (gathered.quarantined, "frames were left out, not finite"),
         (gathered.damaged, "records of the log could not be read"),
-        (gathered.missing, "observations are missing in the log"),
+        (gathered.missing(), "observations are missing in the log"),
     ] {
         if count > 0 {
             parts.push(format!("{} {what}", Numbered(count)));

@@ -14,7 +14,7 @@ pub fn section(material: &Material<'_>) -> Section {
     };
     add(gathered.dropped, "frames that the source dropped, because learning was behind");
     add(gathered.quarantined, "frames left out of learning, because their values are not finite");
-    add(gathered.missing, "observations that are missing between two others in the log");
+    add(gathered.missing(), "observations that are missing between two others in the log");
     add(gathered.damaged, "records of the log that could not be read");
     add(gathered.first_frame.unwrap_or(0), "first frames that the log does not hold any more");
     add(gathered.warnings, "warnings and errors that the run logged");

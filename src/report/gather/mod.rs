@@ -1,10 +1,13 @@
 //! What a report shows of a log, gathered in one pass and bounded memory, however long the log is.
 
+mod seen;
 mod thin;
 
+pub use seen::{HealthSeen, ModelSeen, Motion, Sample, TopicSeen, Tried};
 pub use thin::Thin;
 
 use std::collections::{BTreeMap, VecDeque};
+use std::ops::Range;
 use std::path::PathBuf;
 
 use nalgebra::Point2;
@@ -32,99 +35,6 @@ const SHOWN: usize = 60;
 pub const CELL: f64 = 0.05;
 const CELLS: usize = 200_000;
 
-/// Something recorded at a pose.
-#[derive(Debug, Clone)]
-pub struct Sample {
-    /// The frame.
-    pub frame: u64,
-    /// Where it was taken.
-    pub pose: Pose,
-    /// The observation, RGB.
-    pub pixels: Vec<u8>,
-}
-
-/// A model.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ModelSeen {
-    /// Frames that it was learned from.
-    pub frames: u64,
-    /// Mean slowness of its features.
-    pub mean: f64,
-    /// Slowness of the slowest one.
-    pub slowest: f64,
-}
-
-/// A trial beside the run.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Tried {
-    /// The newest frame that the policy had learned from.
-    pub frame: u64,
-    /// Share of trials that arrived.
-    pub success: f64,
-    /// Lower end of its interval.
-    pub low: f64,
-    /// Convergence quality.
-    pub quality: f64,
-}
-
-/// How the program was doing; the worst of several where they were merged.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct HealthSeen {
-    /// Seconds since the first message of the log.
-    pub seconds: f64,
-    /// Frames so far.
-    pub frames: u64,
-    /// Frames per second.
-    pub rate: f64,
-    /// Time from frame to action, 99th percentile, ms.
-    pub act_ms: f64,
-    /// Time of a frame through all actors, 99th percentile, ms.
-    pub frame_ms: f64,
-    /// Entries that wait in each queue.
-    pub depths: Vec<u32>,
-    /// Memory, bytes.
-    pub rss: u64,
-    /// Frames dropped so far.
-    pub dropped: u64,
-}
-
-impl HealthSeen {
-    fn merge(&mut self, other: Self) {
-        self.rate = self.rate.min(other.rate);
-        self.act_ms = self.act_ms.max(other.act_ms);
-        self.frame_ms = self.frame_ms.max(other.frame_ms);
-        self.rss = self.rss.max(other.rss);
-        self.dropped = self.dropped.max(other.dropped);
-        self.frames = other.frames;
-        for (i, depth) in other.depths.into_iter().enumerate() {
-            match self.depths.get_mut(i) {
-                Some(own) => *own = depth.max(*own),
-                None => self.depths.push(depth),
-            }
-        }
-    }
-}
-
-/// Sums of squared motion between frames that follow each other.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Motion {
-    /// Steps from frame to frame.
-    pub steps: f64,
-    /// Σ of squared distances, m².
-    pub distance: f64,
-    /// Σ of squared angles, rad².
-    pub angle: f64,
-}
-
-/// A topic's messages.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct TopicSeen {
-    /// Their type.
-    pub kind: String,
-    /// Their number.
-    pub messages: u64,
-}
-
 /// What a log holds, as far as a report shows it.
 #[derive(Debug)]
 pub struct Gathered {
@@ -142,8 +52,8 @@ pub struct Gathered {
     pub damaged: u64,
     /// The first of them.
     pub damage: Vec<String>,
-    /// Observations that are missing between two others.
-    pub missing: u64,
+    /// Observations that are missing between two others, those included that the source dropped.
+    skipped: u64,
     /// Frames taken; number of the last one.
     pub frames: u64,
     /// Number of the first frame.
@@ -196,6 +106,8 @@ pub struct Gathered {
     pub said: Vec<(f64, String)>,
     recent: VecDeque<(u64, Pose)>,
     sequence: Option<u32>,
+    /// Whether the first observation of this file follows the last one before; none before it is read.
+    goes_on: Option<bool>,
 }
 
 impl Gathered {
@@ -205,26 +117,49 @@ impl Gathered {
     /// A file cannot be opened or read. Damage is part of the result.
     pub fn of(files: Vec<PathBuf>, tell: &dyn Fn(u64)) -> Result<Self, LogError> {
         let mut gathered = Gathered::empty(files.len());
-        let mut reader = FilesReader::new(files);
         let mut read = 0u64;
-        for record in reader.by_ref() {
-            read += 1;
-            if read.is_multiple_of(20_000) {
-                tell(read);
-            }
-            match record.and_then(|record| gathered.read(&record)) {
-                Ok(()) => {}
-                Err(error @ (LogError::Open { .. } | LogError::Read { .. })) => return Err(error),
-                Err(error) => {
-                    gathered.damaged += 1;
-                    if gathered.damage.len() < SHOWN {
-                        gathered.damage.push(error.to_string());
+        // Damage in files that were not closed: how many records, and the texts about them.
+        let mut torn: Vec<(u64, Range<usize>)> = Vec::new();
+        for file in files {
+            let (damaged, texts) = (gathered.damaged, gathered.damage.len());
+            gathered.goes_on = None;
+            let mut reader = FilesReader::new(vec![file]);
+            for record in reader.by_ref() {
+                read += 1;
+                if read.is_multiple_of(20_000) {
+                    tell(read);
+                }
+                match record.and_then(|record| gathered.read(&record)) {
+                    Ok(()) => {}
+                    Err(error @ (LogError::Open { .. } | LogError::Read { .. })) => return Err(error),
+                    Err(error) => {
+                        gathered.damaged += 1;
+                        if gathered.damage.len() < SHOWN {
+                            gathered.damage.push(error.to_string());
+                        }
                     }
                 }
             }
+            gathered.closed = reader.endings().last() == Some(&Ending::Complete);
+            let own = (gathered.damaged - damaged, gathered.damage.len() - texts);
+            if gathered.goes_on == Some(true) {
+                // A run that was killed and went on has lost nothing: this file has what was torn in those before.
+                for (count, texts) in torn.drain(..).rev() {
+                    gathered.damaged -= count;
+                    gathered.damage.drain(texts);
+                }
+            }
+            if !gathered.closed {
+                let end = gathered.damage.len();
+                torn.push((own.0, end - own.1..end));
+            }
         }
-        gathered.closed = reader.endings().last() == Some(&Ending::Complete);
         Ok(gathered)
+    }
+
+    /// Observations that are missing and were not dropped by the source, whose frames have numbers, too.
+    pub fn missing(&self) -> u64 {
+        self.skipped.saturating_sub(self.dropped)
     }
 
     fn empty(files: usize) -> Self {
@@ -236,7 +171,8 @@ impl Gathered {
             closed: false,
             damaged: 0,
             damage: Vec::new(),
-            missing: 0,
+            skipped: 0,
+            goes_on: None,
             frames: 0,
             first_frame: None,
             last_frame: 0,
@@ -380,8 +316,9 @@ impl Gathered {
     fn observed(&mut self, sequence: u32, record: &Record) -> Result<(), LogError> {
         if let Some(last) = self.sequence {
             let ahead = sequence.wrapping_sub(last);
+            self.goes_on.get_or_insert(ahead == 1);
             if (2..1 << 31).contains(&ahead) {
-                self.missing += u64::from(ahead) - 1;
+                self.skipped += u64::from(ahead) - 1;
             }
         }
         self.sequence = Some(sequence);
