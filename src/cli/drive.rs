@@ -103,7 +103,9 @@ impl Drive<'_> {
         if !self.report {
             return Ok(report);
         }
-        let learned = outcome.learned.as_deref();
+        let without = outcome.without_model.clone();
+        let without = || without.unwrap_or_else(|| "the run ended before its first model".to_owned());
+        let learned = outcome.learned.as_deref().ok_or_else(without);
         let known = report::Known { scenario, world, simulated: self.evaluate, learned, trials, pose };
         // The report shows what is kept elsewhere already: a run does not fail for it.
         if let Err(reason) = report::at_end(self.run, &known, self.quiet) {

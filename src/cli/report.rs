@@ -29,7 +29,8 @@ pub struct Known<'a> {
     pub world: &'a World,
     /// Whether its frames are from the scenario's simulated world.
     pub simulated: bool,
-    pub learned: Option<&'a Learned>,
+    /// The newest features and policies, or why there are none.
+    pub learned: Result<&'a Learned, String>,
     /// Results of each task with the ways of the trials, or why there are none.
     pub trials: Result<Vec<(TaskResult, Vec<Trajectory>)>, String>,
     pub pose: Option<PoseDecode>,
@@ -80,7 +81,7 @@ impl Known<'_> {
         losses: Vec<(String, String)>,
         steps: &Steps,
     ) -> Result<Made, String> {
-        let survey = self.learned.filter(|_| self.simulated).map(|learned| {
+        let survey = self.learned.as_ref().ok().filter(|_| self.simulated).map(|learned| {
             steps.begin("report: looking around in the simulated room");
             Survey::new(self.scenario, self.world, learned)
         });
@@ -89,9 +90,7 @@ impl Known<'_> {
             gathered,
             room: Some(Room { scenario: self.scenario, world: self.world }),
             simulated: self.simulated,
-            learned: self
-                .learned
-                .ok_or_else(|| "the run ended before its first model, or it could not be made".to_owned()),
+            learned: self.learned.clone(),
             survey: survey.as_ref(),
             trials: self.trials.as_ref().map(Vec::as_slice).map_err(Clone::clone),
             pose_decode: self.pose,
@@ -142,8 +141,11 @@ fn made(args: &ReportArgs) -> Result<(Made, Gathered, PathBuf), Ending> {
             "{path} holds no records: it is not an MCAP log, or was cut at its beginning"
         )));
     }
-    let made =
-        if gathered.is_own() { of_run(args, &gathered, &steps) } else { of_other(args, files, &mut gathered, &steps) }?;
+    let made = if gathered.is_own() {
+        of_run(args, &files, &gathered, &steps)
+    } else {
+        of_other(args, files, &mut gathered, &steps)
+    }?;
     let out = place(args)?;
     let put = |path: &Path, bytes: &[u8]| OpenOptions::new().write(true).create_new(true).open(path)?.write_all(bytes);
     write(&made, &out, &put).map_err(Ending::failed)?;
@@ -153,35 +155,46 @@ fn made(args: &ReportArgs) -> Result<(Made, Gathered, PathBuf), Ending> {
 }
 
 /// The report of a run of this program, from its log and checkpoint alone.
-fn of_run(args: &ReportArgs, gathered: &Gathered, steps: &Steps) -> Result<Made, Ending> {
-    let learned = match folder::learned(&args.run) {
+fn of_run(args: &ReportArgs, files: &[PathBuf], gathered: &Gathered, steps: &Steps) -> Result<Made, Ending> {
+    let mut learned = match folder::learned(&args.run) {
         Ok(learned) => Ok(learned),
         Err(Ending::Failed(reason)) => Err(reason),
         Err(ending) => return Err(ending),
     };
+    // A log whose first record is damaged does not say which scenario it was; its checkpoint does, and so does the folder.
+    let told = gathered.metadata.get("scenario").cloned();
+    let text = told.or_else(|| fs::read_to_string(args.run.join("scenario.toml")).ok());
+    let near = files.first().unwrap_or(&args.run);
+    let parsed = match (text, &learned) {
+        (Some(text), _) => Scenario::parse(&text, near, &[]).map_err(|e| e.to_string()),
+        (None, Ok((_, scenario))) => Ok(scenario.clone()),
+        (None, Err(_)) => Err("neither the log nor a checkpoint says which scenario was run".to_owned()),
+    };
+    if let (Ok(scenario), Ok((_, own))) = (&parsed, &learned)
+        && own.sha256() != scenario.sha256()
+    {
+        learned = Err("the checkpoint beside the log was learned with another scenario".to_owned());
+    }
     let mut losses = Vec::new();
     if let (Err(reason), true) = (&learned, gathered.epoch > 0) {
         losses.push(("what was learned cannot be read".to_owned(), reason.clone()));
     }
-    // A log whose first record is damaged does not say which scenario it was; its checkpoint does, and so does the folder.
-    let told = gathered.metadata.get("scenario").cloned();
-    let text = told.or_else(|| fs::read_to_string(args.run.join("scenario.toml")).ok());
-    let parsed = match (text, &learned) {
-        (Some(text), _) => Scenario::parse(&text, &args.run, &[]).map_err(|e| e.to_string()),
-        (None, Ok((_, scenario))) => Ok(scenario.clone()),
-        (None, Err(_)) => Err("neither the log nor a checkpoint says which scenario was run".to_owned()),
-    };
+    let learned = learned.map(|(learned, _)| learned);
     let world = parsed.and_then(|scenario| {
         let world = World::new(&scenario).map_err(|e| e.to_string())?;
         Ok((Arc::new(scenario), Arc::new(world)))
     });
     let (scenario, world) = match world {
         Ok(known) => known,
-        Err(reason) => return without_room(args, gathered, reason, losses, steps),
+        Err(reason) => {
+            losses.push(("the room and its tasks are not known".to_owned(), reason));
+            let without = Without { reason: "its room and tasks are not known", pictures: &[], losses: &losses };
+            return without.make(args, gathered, learned.as_ref().map_err(Clone::clone), steps);
+        }
     };
     let simulated = gathered.metadata.get(ROOM.0).map(String::as_str) != Some(ROOM.1);
     let (mut trials, mut pose) = (Err(NOT_TRIED.to_owned()), None);
-    if let (Ok((learned, _)), true) = (&learned, simulated) {
+    if let (Ok(learned), true) = (&learned, simulated) {
         let starts = scenario.evaluate.starts;
         steps.begin(&format!("report: trying {starts} starts per task, with and without reflexes"));
         let evaluator = Evaluator::new(scenario.clone(), world.clone(), starts, scenario.seed);
@@ -189,21 +202,9 @@ fn of_run(args: &ReportArgs, gathered: &Gathered, steps: &Steps) -> Result<Made,
         steps.begin("report: reading the pose off the features");
         pose = decode_pose(&scenario, &world, learned, scenario.seed).ok();
     }
-    let learned = learned.as_ref().ok().map(|(learned, _)| learned);
+    let learned = learned.as_ref().map_err(Clone::clone);
     let known = Known { scenario: &scenario, world: &world, simulated, learned, trials, pose };
     known.make(gathered, &args.run, losses, steps).map_err(Ending::Failed)
-}
-
-/// A report without a room: why it is not known goes to the losses.
-fn without_room(
-    args: &ReportArgs,
-    gathered: &Gathered,
-    reason: String,
-    mut losses: Vec<(String, String)>,
-    steps: &Steps,
-) -> Result<Made, Ending> {
-    losses.push(("the room and its tasks are not known".to_owned(), reason));
-    drawn(args, gathered, &[], &losses, "its room and tasks are not known", steps)
 }
 
 /// The report of a log that another program wrote.
@@ -223,31 +224,40 @@ fn of_other(args: &ReportArgs, files: Vec<PathBuf>, gathered: &mut Gathered, ste
             Numbered(unreadable).to_string(),
         ));
     }
-    drawn(args, gathered, &pictures, &losses, "another program wrote the log, and nothing was learned in it", steps)
+    let reason = "another program wrote the log, and nothing was learned in it";
+    Without { reason, pictures: &pictures, losses: &losses }.make(args, gathered, Err(reason.to_owned()), steps)
 }
 
-fn drawn(
-    args: &ReportArgs,
-    gathered: &Gathered,
-    pictures: &[Picture],
-    losses: &[(String, String)],
-    reason: &str,
-    steps: &Steps,
-) -> Result<Made, Ending> {
-    steps.begin("report: drawing");
-    let material = Material {
-        gathered,
-        room: None,
-        simulated: false,
-        learned: Err(reason.to_owned()),
-        survey: None,
-        trials: Err(reason.to_owned()),
-        pose_decode: None,
-        pictures,
-        losses,
-    };
-    let title = format!("Adagio: {}", args.run.display());
-    make(&title, &material).map_err(Ending::failed)
+/// What is shown of a log without a room.
+struct Without<'a> {
+    /// Why there is no room.
+    reason: &'static str,
+    pictures: &'a [Picture],
+    losses: &'a [(String, String)],
+}
+
+impl Without<'_> {
+    fn make(
+        &self,
+        args: &ReportArgs,
+        gathered: &Gathered,
+        learned: Result<&Learned, String>,
+        steps: &Steps,
+    ) -> Result<Made, Ending> {
+        steps.begin("report: drawing");
+        let material = Material {
+            gathered,
+            room: None,
+            simulated: false,
+            learned,
+            survey: None,
+            trials: Err(self.reason.to_owned()),
+            pose_decode: None,
+            pictures: self.pictures,
+            losses: self.losses,
+        };
+        make(&format!("Adagio: {}", args.run.display()), &material).map_err(Ending::failed)
+    }
 }
 
 /// The folder of the report, with an empty folder for its drawings; nothing that exists is touched.

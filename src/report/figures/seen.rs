@@ -23,10 +23,11 @@ pub fn section(material: &Material<'_>) -> Result<Section, DrawError> {
         }
         None => Vec::new(),
     };
+    let width = material.room.map_or(1, |room| room.scenario.vision.width);
     // Of each part of the run the frame that shows most.
     let parts = samples.chunks(samples.len().div_ceil(SHOWN).max(1));
     let chosen: Vec<&Sample> =
-        parts.filter_map(|part| part.iter().copied().max_by_key(|sample| contrast(&sample.pixels))).collect();
+        parts.filter_map(|part| part.iter().copied().max_by_key(|sample| edges(&sample.pixels, width))).collect();
     match (material.room, chosen.is_empty()) {
         (Some(room), false) => {
             let vision = &room.scenario.vision;
@@ -52,8 +53,8 @@ pub fn section(material: &Material<'_>) -> Result<Section, DrawError> {
             let caption = if material.simulated {
                 format!(
                     "After: the observations of {size} in the log. Before: rendered again from the poses in the log, without the \
-                     camera's noise, since the log keeps no camera images. Of each quarter of the run the frame with most \
-                     contrast."
+                     camera's noise, since the log keeps no camera images. Of each quarter of the run the frame with the most \
+                     edges."
                 )
             } else {
                 format!("After preparation, {size}. The log keeps no camera images from before.")
@@ -68,12 +69,10 @@ pub fn section(material: &Material<'_>) -> Result<Section, DrawError> {
     Ok(Section { name: "seen", heading: "What it sees", items })
 }
 
-/// How much the values of an image differ: their variance, in whole numbers.
-fn contrast(pixels: &[u8]) -> u64 {
-    let n = pixels.len().max(1) as u64;
-    let (sum, squares) = pixels.iter().fold((0, 0), |(sum, squares), &value| {
-        let value = u64::from(value);
-        (sum + value, squares + value * value)
-    });
-    (squares / n).saturating_sub((sum / n).pow(2))
+/// How much there is to see in an image: how much the pixels of its lines differ from their neighbours.
+fn edges(rgb: &[u8], width: usize) -> u64 {
+    let lines = rgb.chunks_exact(3 * width.max(1));
+    let steps = lines.flat_map(|line| line.iter().zip(&line[3..]).map(|(a, b)| u64::from(a.abs_diff(*b))));
+    // Noise is everywhere; what counts are edges.
+    steps.map(|step| step * step).sum()
 }

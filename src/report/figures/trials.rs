@@ -107,7 +107,7 @@ fn trajectories(
     let svg = Panels { outline, per_row: 4, ..Panels::new(&title, corners, panels.collect()) }.svg()?;
     let failed = ways.iter().filter(|way| !way.arrived).count();
     let caption = format!(
-        "{} of {} trials, {}. Arrow: the start.",
+        "{} of {} trials, {}. Arrow: the start; dot: the end, which is in the goal when an action ends there.",
         ways.len().min(SHOWN),
         ways.len(),
         match failed {
