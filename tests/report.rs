@@ -250,7 +250,7 @@ fn of_a_damaged_log_it_shows_what_can_be_read_and_says_what_is_missing() {
     fs::write(folder.path().join("broken.mcap"), &broken).unwrap();
     let (told, output) = reported(folder.path(), &["broken.mcap"], 3);
     assert!(stderr(&output).contains("could not be read"), "{}", stderr(&output));
-    assert!(told["damaged"].as_u64().unwrap() > 0 && told["closed"] == true);
+    assert!(told["damaged"].as_u64().unwrap() > 0 && told["closed"] == true, "{told}");
     let html = page(&folder.path().join("broken-report"));
     assert!(verdict(&html).contains("records of the log could not be read"), "{}", verdict(&html));
     assert!(html.contains("What was dropped or degraded") && html.contains("damaged records"));

@@ -31,7 +31,7 @@ pub fn section(material: &Material<'_>) -> Result<Section, DrawError> {
                 items.push(Item::Figure(values(material, survey, task, name)?));
                 items.push(Item::Figure(best(material, survey, task, name)?));
             }
-            if named.len() % 2 == 0 {
+            if named.len().is_multiple_of(2) {
                 let way = items.remove(named.len().min(survey.values.len()));
                 items.push(way);
             }

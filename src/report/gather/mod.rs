@@ -7,16 +7,19 @@ pub use seen::{HealthSeen, ModelSeen, Motion, Sample, TopicSeen, Tried};
 pub use thin::Thin;
 
 use std::collections::{BTreeMap, VecDeque};
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
 use std::ops::Range;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
+use mcap::MAGIC;
 use nalgebra::Point2;
 
 use crate::log::messages::{
     Decision, DictionaryGrowth, Evaluation, FrameTaken, Health, Image, Log, ModelUpdate, PoseStamped, Transition,
 };
 use crate::log::writer::METADATA_NAME;
-use crate::log::{Ending, FilesReader, LogError, Record, topics};
+use crate::log::{FilesReader, LogError, Record, topics};
 use crate::world::{Pose, wrap};
 
 /// Entries of series that become lines.
@@ -110,6 +113,16 @@ pub struct Gathered {
     goes_on: Option<bool>,
 }
 
+/// Whether a file ends as a log that was closed: damage within it changes nothing about that.
+fn is_closed(file: &Path) -> bool {
+    let mut end = [0; MAGIC.len()];
+    let read = File::open(file).and_then(|mut file| {
+        file.seek(SeekFrom::End(-(MAGIC.len() as i64)))?;
+        file.read_exact(&mut end)
+    });
+    read.is_ok() && end == MAGIC
+}
+
 impl Gathered {
     /// Read log files one after the other. `tell` is told now and then how many messages were read.
     ///
@@ -123,8 +136,8 @@ impl Gathered {
         for file in files {
             let (damaged, texts) = (gathered.damaged, gathered.damage.len());
             gathered.goes_on = None;
-            let mut reader = FilesReader::new(vec![file]);
-            for record in reader.by_ref() {
+            let closed = is_closed(&file);
+            for record in FilesReader::new(vec![file]) {
                 read += 1;
                 if read.is_multiple_of(20_000) {
                     tell(read);
@@ -140,7 +153,7 @@ impl Gathered {
                     }
                 }
             }
-            gathered.closed = reader.endings().last() == Some(&Ending::Complete);
+            gathered.closed = closed;
             let own = (gathered.damaged - damaged, gathered.damage.len() - texts);
             if gathered.goes_on == Some(true) {
                 // A run that was killed and went on has lost nothing: this file has what was torn in those before.
