@@ -9,7 +9,7 @@ use super::draw::Grid;
 use crate::policy::{Learned, columns};
 use crate::scenario::{Detail, Scenario};
 use crate::vision::{Observation, observe};
-use crate::world::{Looks, Image, Pose, World};
+use crate::world::{Image, Looks, Pose, World};
 
 /// Headings, counter-clockwise from the x-axis.
 pub const HEADINGS: usize = 8;
