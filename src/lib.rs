@@ -40,6 +40,7 @@
 //! | [`export`] | a recorded run as arrays for Python |
 //! | [`evaluate`] | trials, convergence quality, pose decoding |
 //! | [`report`] | what a run came to |
+//! | [`experiment`] | the thesis's experiments, its figures beside ours |
 //! | [`cli`] | one file per command |
 //!
 //! [`kernel`], [`dictionary`], [`regression`], [`slow`] and [`value`] know nothing of threads, clocks, files, robots or
@@ -102,6 +103,7 @@ pub mod agent;
 pub mod cli;
 pub mod dictionary;
 pub mod evaluate;
+pub mod experiment;
 pub mod export;
 pub mod kernel;
 pub mod log;

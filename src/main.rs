@@ -25,12 +25,12 @@ static STOP: AtomicBool = AtomicBool::new(false);
 fn main() -> ExitCode {
     let cli = Cli::parse();
     // Other commands have nothing to finish: Ctrl-C ends them as it ends any program.
-    if finishes(&cli.command) {
-        let handler = ctrlc::set_handler(|| {
+    if let Some(what) = finishes(&cli.command) {
+        let handler = ctrlc::set_handler(move || {
             if STOP.swap(true, Ordering::Relaxed) {
                 exit(INTERRUPTED);
             }
-            eprintln!("finishing: the log is closed and the report written; Ctrl-C again to end at once");
+            eprintln!("finishing: {what}; Ctrl-C again to end at once");
         });
         if let Err(error) = handler {
             eprintln!("Ctrl-C will end this at once: {error}");

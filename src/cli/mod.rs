@@ -6,6 +6,7 @@ mod check;
 mod compare;
 mod drive;
 mod evaluate;
+mod experiment;
 mod export;
 mod folder;
 mod import;
@@ -85,6 +86,8 @@ pub enum Command {
     Report(ReportArgs),
     /// Write a run's observations, features, transitions and values as arrays for Python, and its images as PNG.
     Export(ExportArgs),
+    /// Repeat an experiment of the thesis, with its own figures beside ours; without a name, list them.
+    Experiment(ExperimentArgs),
 }
 
 /// Arguments of `adagio run`.
@@ -280,6 +283,37 @@ pub struct ExportArgs {
     pub json: bool,
 }
 
+/// Arguments of `adagio experiment`.
+#[derive(Debug, Args)]
+pub struct ExperimentArgs {
+    /// Which one [default: list them].
+    pub name: Option<String>,
+    /// A coarse version, in minutes.
+    #[arg(long)]
+    pub quick: bool,
+    /// Only see that everything runs, in seconds: the numbers mean nothing.
+    #[arg(long, conflicts_with = "quick")]
+    pub smoke: bool,
+    /// Seeds from A to B, both included: bands over them; or one seed.
+    #[arg(long, value_name = "A..B", default_value = "11", value_parser = experiment::seeds)]
+    pub seeds: std::ops::RangeInclusive<u64>,
+    /// Folder for tables and plots, which must not exist yet [default: a new one under experiments/NAME/].
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Folder where finished settings are kept and looked for [default: experiments/NAME/cache].
+    #[arg(long, value_name = "DIR")]
+    pub cache: Option<PathBuf>,
+    /// Threads for matrix products; results do not depend on them [default: all cores].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=256))]
+    pub threads: Option<u16>,
+    /// No progress on stderr.
+    #[arg(long)]
+    pub quiet: bool,
+    /// Print result.json instead of tables.
+    #[arg(long)]
+    pub json: bool,
+}
+
 /// Kinds of files that runs are exported to.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
 pub enum ExportFormat {
@@ -288,9 +322,13 @@ pub enum ExportFormat {
     Npz,
 }
 
-/// Whether a command has something to finish when it is interrupted.
-pub fn finishes(command: &Command) -> bool {
-    matches!(command, Command::Run(_) | Command::Replay(_) | Command::Resume(_))
+/// What a command finishes when it is interrupted, if there is anything.
+pub fn finishes(command: &Command) -> Option<&'static str> {
+    match command {
+        Command::Run(_) | Command::Replay(_) | Command::Resume(_) => Some("the log is closed and the report written"),
+        Command::Experiment(_) => Some("what is done is kept"),
+        _ => None,
+    }
 }
 
 /// Do what the command line says; `stop` ends a run cleanly when it is set.
@@ -306,6 +344,7 @@ pub fn dispatch(cli: Cli, stop: &AtomicBool) -> Ending {
         Command::Compare(args) => compare::compare(&args),
         Command::Report(args) => report::report(&args),
         Command::Export(args) => export::export(&args),
+        Command::Experiment(args) => experiment::experiment(&args, stop),
     }
 }
 

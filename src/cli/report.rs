@@ -11,7 +11,7 @@ use serde::Serialize;
 use super::drive::{NOT_TRIED, ROOM};
 use super::steps::Steps;
 use super::{Ending, ReportArgs, folder, print, print_json};
-use crate::evaluate::{Evaluator, PoseDecode, TaskResult, Trajectory, decode_pose};
+use crate::evaluate::{Evaluator, PoseDecode, TaskResult, Trip, decode_pose};
 use crate::log::log_files;
 use crate::policy::Learned;
 use crate::report::draw::Picture;
@@ -32,7 +32,7 @@ pub struct Known<'a> {
     /// The newest features and policies, or why there are none.
     pub learned: Result<&'a Learned, String>,
     /// Results of each task with the ways of the trials, or why there are none.
-    pub trials: Result<Vec<(TaskResult, Vec<Trajectory>)>, String>,
+    pub trials: Result<Vec<(TaskResult, Vec<Trip>)>, String>,
     pub pose: Option<PoseDecode>,
 }
 

@@ -7,7 +7,7 @@ mod decode;
 mod trials;
 
 pub use decode::{PoseDecode, PoseError, decode_pose};
-pub use trials::{Evaluator, TaskResult, Trajectory, Unaided};
+pub use trials::{Evaluator, Situation, TaskResult, Trip, Unaided};
 
 use nalgebra::{Point2, Vector2};
 use rand::RngExt;

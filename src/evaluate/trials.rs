@@ -53,27 +53,37 @@ pub struct Unaided {
     pub dithers_per_1000: f64,
 }
 
-/// The way of one trial.
+/// A robot's way in a trial.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Trajectory {
-    /// Where it began, and where it was after each action.
+pub struct Trip {
+    /// Its poses, the start first: one more than steps.
     pub poses: Vec<Pose>,
     /// Whether it arrived.
     pub arrived: bool,
-    /// Fewest steps from its start; `None` if there is no way within the limit.
+    /// The optimal number of steps from its start; `None` where there is no way within the limit.
     pub optimal: Option<usize>,
 }
 
-impl Trajectory {
-    /// Actions that were done.
+impl Trip {
+    /// Actions on the way.
     pub fn steps(&self) -> usize {
         self.poses.len().saturating_sub(1)
     }
 
-    /// Steps beyond the fewest; `None` if it did not arrive.
+    /// Steps beyond the optimal ones; `None` if it did not arrive.
     pub fn extra(&self) -> Option<usize> {
         self.arrived.then(|| self.steps().saturating_sub(self.optimal.unwrap_or(0)))
     }
+}
+
+/// What a policy may know in a trial.
+pub struct Situation<'a> {
+    /// The true pose.
+    pub pose: &'a Pose,
+    /// What the camera sees; none in trials without a camera.
+    pub seen: Option<&'a Observation>,
+    /// What the robot did last.
+    pub recent: Recent,
 }
 
 /// A robot on its way.
@@ -137,19 +147,14 @@ impl Evaluator {
     }
 
     /// Results of all tasks with the ways of their trials (those with reflexes), in the order of the starts.
-    pub fn evaluate_and_show(&self, learned: &Learned, without_reflexes: bool) -> Vec<(TaskResult, Vec<Trajectory>)> {
+    pub fn evaluate_and_show(&self, learned: &Learned, without_reflexes: bool) -> Vec<(TaskResult, Vec<Trip>)> {
         let reflexes = Reflexes::new(&self.scenario.policy);
         (0..self.starts.len())
             .map(|task| {
                 let trials = self.run(learned, task, reflexes);
                 let unaided = without_reflexes.then(|| Outcome::new(&self.run(learned, task, Reflexes::OFF)));
                 let result = self.result(task, &Outcome::new(&trials), unaided.as_ref());
-                let shown = trials.into_iter().zip(&self.optimal[task]);
-                let shown = shown.map(|(trial, &optimal)| {
-                    let Trial { poses, arrived, .. } = trial;
-                    Trajectory { poses, arrived, optimal }
-                });
-                (result, shown.collect())
+                (result, self.ways(task, trials))
             })
             .collect()
     }
@@ -197,22 +202,54 @@ impl Evaluator {
         ratios.sum::<f64>() / outcome.steps.len() as f64
     }
 
-    /// All trials of a task, one step of all of them at a time: seen and judged side by side, then driven.
     fn run(&self, learned: &Learned, task: usize, reflexes: Reflexes) -> Vec<Trial> {
+        let greedy = |situation: &Situation<'_>| {
+            // These trials have a camera.
+            let values = situation.seen.map_or([0.0; 3], |seen| learned.q_values(seen, task));
+            reflexes.best(values, situation.recent).0
+        };
+        self.drive(task, Some(learned.asked_at + 1), &greedy)
+    }
+
+    /// The ways that a policy takes from all starts of a task, with the same noise as every other policy, in the world as it
+    /// looks at first.
+    ///
+    /// Without a `camera`, which takes most of the time, the policy is shown the pose alone.
+    pub fn trips(&self, task: usize, camera: bool, choose: &(dyn Fn(&Situation<'_>) -> Action + Sync)) -> Vec<Trip> {
+        self.ways(task, self.drive(task, camera.then_some(0), choose))
+    }
+
+    fn ways(&self, task: usize, trials: Vec<Trial>) -> Vec<Trip> {
+        let way = |(trial, &optimal): (Trial, &Option<usize>)| {
+            let Trial { poses, arrived, .. } = trial;
+            Trip { poses, arrived, optimal }
+        };
+        trials.into_iter().zip(&self.optimal[task]).map(way).collect()
+    }
+
+    /// All trials of a task, one step of all of them at a time: seen and judged side by side, then driven. `frame` says how the
+    /// world looks; without it there is no camera.
+    fn drive(
+        &self,
+        task: usize,
+        frame: Option<u64>,
+        choose: &(dyn Fn(&Situation<'_>) -> Action + Sync),
+    ) -> Vec<Trial> {
         let mut trials = self.begin(task);
-        let frame = learned.asked_at + 1;
         for _ in 0..self.scenario.evaluate.max_steps {
             let mut active: Vec<&mut Trial> = trials.iter_mut().filter(|trial| !trial.arrived).collect();
             if active.is_empty() {
                 break;
             }
             let judge = |image: &mut Image, trial: &mut &mut Trial| {
-                self.look(trial, image, frame);
-                learned.q_values(&trial.seen, task)
+                if let Some(frame) = frame {
+                    self.look(trial, image, frame);
+                }
+                let seen = frame.is_some().then_some(&trial.seen);
+                choose(&Situation { pose: &trial.robot.pose, seen, recent: trial.recent })
             };
-            let values: Vec<[f64; 3]> = active.par_iter_mut().map_init(Image::default, judge).collect();
-            for (trial, values) in active.iter_mut().zip(values) {
-                let (action, _) = reflexes.best(values, trial.recent);
+            let actions: Vec<Action> = active.par_iter_mut().map_init(Image::default, judge).collect();
+            for (trial, action) in active.iter_mut().zip(actions) {
                 self.act(trial, action, &self.scenario.tasks[task]);
             }
         }

@@ -2,7 +2,7 @@
 
 use super::Numbered;
 use super::figures::Material;
-use crate::evaluate::{TaskResult, Trajectory};
+use crate::evaluate::{TaskResult, Trip};
 use crate::world::Pose;
 
 /// A judgement in words.
@@ -56,7 +56,7 @@ pub fn verdict(material: &Material<'_>) -> Verdict {
     verdict
 }
 
-fn tried(material: &Material<'_>, trials: &[(TaskResult, Vec<Trajectory>)]) -> Verdict {
+fn tried(material: &Material<'_>, trials: &[(TaskResult, Vec<Trip>)]) -> Verdict {
     let lowest = trials.iter().map(|(result, _)| result.success).fold(f64::INFINITY, f64::min);
     let (class, answer) = match lowest {
         LEARNED.. => ("good", "Yes, it learned"),
@@ -101,12 +101,12 @@ fn how_well(result: &TaskResult) -> String {
     text + "."
 }
 
-fn failures(material: &Material<'_>, trials: &[(TaskResult, Vec<Trajectory>)]) -> String {
+fn failures(material: &Material<'_>, trials: &[(TaskResult, Vec<Trip>)]) -> String {
     let place = |pose: &Pose| {
         let (at, heading) = (pose.position, pose.heading.to_degrees());
         format!("x {:.2} m, y {:.2} m, heading {heading:.0}°", at.x, at.y)
     };
-    let failed = |(result, ways): &(TaskResult, Vec<Trajectory>)| {
+    let failed = |(result, ways): &(TaskResult, Vec<Trip>)| {
         let starts: Vec<Pose> = ways.iter().filter(|way| !way.arrived).map(|way| way.poses[0]).collect();
         let first = starts.first()?;
         Some(match starts.len() {

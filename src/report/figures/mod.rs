@@ -12,7 +12,7 @@ use super::draw::{DrawError, Mark, PATH, Picture, Table};
 use super::gather::{CELL, Gathered};
 use super::room::Room;
 use super::survey::Survey;
-use crate::evaluate::{PoseDecode, TaskResult, Trajectory};
+use crate::evaluate::{PoseDecode, TaskResult, Trip};
 use crate::policy::Learned;
 
 /// A drawing.
@@ -73,7 +73,7 @@ pub struct Material<'a> {
     /// What was learned, looked at from everywhere in the simulated room.
     pub survey: Option<&'a Survey>,
     /// Results of each task with the ways of the trials, or why there are none.
-    pub trials: Result<&'a [(TaskResult, Vec<Trajectory>)], String>,
+    pub trials: Result<&'a [(TaskResult, Vec<Trip>)], String>,
     /// What the features know of the pose.
     pub pose_decode: Option<PoseDecode>,
     /// Images of another program's camera.

@@ -3,7 +3,7 @@
 use plotters::style::RGBColor;
 
 use super::{Figure, Item, Material, Section, file_name};
-use crate::evaluate::Trajectory;
+use crate::evaluate::Trip;
 use crate::report::draw::{BAD, DrawError, INK, Mark, PATH, Panel, Panels, Table};
 
 /// Ways that are drawn.
@@ -39,14 +39,14 @@ pub fn section(material: &Material<'_>) -> Result<Section, DrawError> {
 }
 
 /// Failures first, then those with the most steps too many.
-pub fn worst_first(ways: &[Trajectory]) -> Vec<usize> {
+pub fn worst_first(ways: &[Trip]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..ways.len()).collect();
-    let badness = |way: &Trajectory| (!way.arrived, way.extra().unwrap_or(usize::MAX), way.steps());
+    let badness = |way: &Trip| (!way.arrived, way.extra().unwrap_or(usize::MAX), way.steps());
     order.sort_by(|&a, &b| badness(&ways[b]).cmp(&badness(&ways[a])));
     order
 }
 
-fn colour(way: &Trajectory) -> RGBColor {
+fn colour(way: &Trip) -> RGBColor {
     match way.extra() {
         Some(extra) => EXTRA.iter().find(|(most, ..)| extra <= *most).map_or(BAD, |found| found.1),
         None => BAD,
@@ -54,7 +54,7 @@ fn colour(way: &Trajectory) -> RGBColor {
 }
 
 /// All starts, in the colour of how their trial ended.
-fn starts(material: &Material<'_>, task: usize, name: &str, ways: &[Trajectory]) -> Result<Figure, DrawError> {
+fn starts(material: &Material<'_>, task: usize, name: &str, ways: &[Trip]) -> Result<Figure, DrawError> {
     let mut marks: Vec<Mark> = material.room.iter().map(|room| room.goal(task)).collect();
     marks.extend(material.walls(6));
     for &i in worst_first(ways).iter().rev() {
@@ -65,7 +65,7 @@ fn starts(material: &Material<'_>, task: usize, name: &str, ways: &[Trajectory])
         }
     }
     let title = format!("Starts of the trials of {name}");
-    let count = |which: &dyn Fn(&Trajectory) -> bool| ways.iter().filter(|way| which(way)).count();
+    let count = |which: &dyn Fn(&Trip) -> bool| ways.iter().filter(|way| which(way)).count();
     let mut key = vec![(BAD, format!("failed: {}", count(&|way| !way.arrived)))];
     key.extend(
         EXTRA.map(|(_, own, what)| (own, format!("{what}: {}", count(&|way| way.arrived && colour(way) == own)))),
@@ -81,7 +81,7 @@ fn trajectories(
     material: &Material<'_>,
     task: usize,
     name: &str,
-    ways: &[Trajectory],
+    ways: &[Trip],
     order: &[usize],
 ) -> Result<Figure, DrawError> {
     let panels = order.iter().take(SHOWN).map(|&i| {
@@ -119,7 +119,7 @@ fn trajectories(
     Ok(Figure::new(file_name("trajectories", task, name), &title, caption, svg))
 }
 
-fn table(ways: &[Trajectory], order: &[usize]) -> Table {
+fn table(ways: &[Trip], order: &[usize]) -> Table {
     let mut table = Table::new(&["trial", "x, m", "y, m", "heading, °", "arrived", "steps", "optimal", "too many"]);
     for &i in order {
         let (way, start) = (&ways[i], ways[i].poses[0]);

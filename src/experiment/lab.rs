@@ -1,0 +1,262 @@
+//! What the experiments learn from: a robot's random walk through the lab, and transitions out of it.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use faer::Mat;
+use nalgebra::Point2;
+use serde::Serialize;
+
+use super::{Bench, ExperimentError};
+use crate::policy::{Recent, Reflexes, Walk};
+use crate::random::stream;
+use crate::scenario::{Scenario, Task};
+use crate::slow::Link;
+use crate::slow::theory::{Axis, OptimalResponses, TheoryError, plane_motion};
+use crate::vision::{Observer, ZERO};
+use crate::world::{Action, Image, Pose, Robot, Sensor, World, wrap};
+
+/// The scenario of the lab, as it is in the repository.
+const LAB: &str = include_str!("../../scenarios/lab.toml");
+
+/// Frames of the thesis's video, at about one a second (§5.2).
+pub const FRAMES: usize = 35_128;
+/// Transitions of the thesis's training set (§5.3).
+pub const TRANSITIONS: usize = 11_656;
+/// Frames after which a rendering asks whether it is to go on.
+const PATIENCE: usize = 500;
+
+/// The lab, and a seed.
+pub struct Lab {
+    /// The scenario, with one frame per action: the thesis's video had about one frame a second.
+    pub scenario: Arc<Scenario>,
+    /// Its world.
+    pub world: Arc<World>,
+}
+
+impl Lab {
+    /// The lab with some keys changed.
+    ///
+    /// # Errors
+    /// Keys that the scenario does not have, or values that it does not allow.
+    pub fn new(seed: u64, sets: &[&str]) -> Result<Self, ExperimentError> {
+        let fixed = [format!("seed={seed}"), "robot.frames_per_action=1".into(), "camera.detail=vision".into()];
+        let sets: Vec<String> = fixed.into_iter().chain(sets.iter().map(|&set| set.to_owned())).collect();
+        let scenario = Scenario::parse(LAB, Path::new("lab.toml"), &sets)?;
+        let world = Arc::new(World::new(&scenario)?);
+        Ok(Lab { scenario: Arc::new(scenario), world })
+    }
+
+    /// A task of the scenario.
+    pub fn task(&self, task: usize) -> &Task {
+        &self.scenario.tasks[task]
+    }
+
+    /// Number of a task.
+    pub fn task_number(&self, name: &str) -> Option<usize> {
+        self.scenario.tasks.iter().position(|task| task.name == name)
+    }
+
+    /// A random walk of some actions from the scenario's start.
+    pub fn walk(&self, actions: usize) -> Walked {
+        let (scenario, seed) = (&self.scenario, self.scenario.seed);
+        let start = Pose::new(Point2::from(scenario.robot.start), scenario.robot.start_heading_deg.to_radians());
+        let mut robot = Robot::new(&scenario.robot, start, stream(seed, "motion"));
+        let mut walk = Walk::new(&scenario.policy, scenario.robot.radius, stream(seed, "explore"));
+        let reflexes = Reflexes::new(&scenario.policy);
+        let mut walked = Walked { poses: vec![robot.pose], actions: Vec::new(), blocked: Vec::new() };
+        let mut recent = Recent::default();
+        for _ in 0..actions {
+            let sonar = robot.sonar(&self.world.arena);
+            let action = walk.choose(&sonar, reflexes, recent);
+            let motion = robot.draw(action);
+            let blocked = robot.drive(motion, &self.world.arena);
+            recent = Recent { action: Some(action), blocked };
+            walked.poses.push(robot.pose);
+            walked.actions.push(action);
+            walked.blocked.push(blocked);
+        }
+        walked
+    }
+
+    /// What the camera sees along a way, one observation a column: `d × n`, in whole numbers around zero.
+    ///
+    /// # Errors
+    /// [`ExperimentError::Stopped`].
+    pub fn video(&self, poses: &[Pose], bench: &Bench<'_>) -> Result<Mat<f32>, ExperimentError> {
+        let scenario = &self.scenario;
+        let noise = stream(scenario.seed, "camera");
+        let mut sensor = Sensor::new(scenario, scenario.robot.frame_seconds(), noise);
+        self.seen(poses, Some(&mut sensor), bench)
+    }
+
+    /// What a camera without noise and drift sees, `d × n`: for test maps.
+    ///
+    /// # Errors
+    /// [`ExperimentError::Stopped`].
+    pub fn views(&self, poses: &[Pose], bench: &Bench<'_>) -> Result<Mat<f32>, ExperimentError> {
+        self.seen(poses, None, bench)
+    }
+
+    fn seen(
+        &self,
+        poses: &[Pose],
+        mut sensor: Option<&mut Sensor>,
+        bench: &Bench<'_>,
+    ) -> Result<Mat<f32>, ExperimentError> {
+        let vision = &self.scenario.vision;
+        let mut frames = Mat::zeros(3 * vision.width * vision.height, poses.len());
+        let (mut image, mut observer, mut pixels) = (Image::default(), Observer::default(), Vec::new());
+        for (j, pose) in poses.iter().enumerate() {
+            if j.is_multiple_of(PATIENCE) {
+                bench.go_on()?;
+            }
+            self.world.camera.render_into(pose, &mut image);
+            if let Some(sensor) = &mut sensor {
+                sensor.expose(&mut image);
+            }
+            observer.observe(&image, vision, &mut pixels);
+            for (entry, &pixel) in frames.col_mut(j).iter_mut().zip(&pixels) {
+                *entry = f32::from(i16::from(pixel) - i16::from(ZERO));
+            }
+        }
+        Ok(frames)
+    }
+
+    /// The places that the robot can be at, and its heading, as the axes of theory.
+    ///
+    /// # Errors
+    /// None in a room that the robot has some way to go in.
+    pub fn axes(&self) -> Result<[Axis; 3], TheoryError> {
+        let (low, high) = self.world.plan.reachable_box();
+        Ok([
+            Axis::free(low.x, high.x)?,
+            Axis::free(low.y, high.y)?,
+            Axis::cyclic(-std::f64::consts::PI, std::f64::consts::PI)?,
+        ])
+    }
+
+    /// The `k` slowest optimal responses of the lab for the speeds of a walk, where derivatives of moves weigh `move_weight`
+    /// times those of turns.
+    ///
+    /// # Errors
+    /// A walk that never moves or never turns.
+    pub fn optimal_responses(
+        &self,
+        walked: &Walked,
+        move_weight: f64,
+        k: usize,
+    ) -> Result<OptimalResponses, TheoryError> {
+        let seconds = self.scenario.robot.action_seconds;
+        let sums = walked.sums();
+        let weight = (move_weight * sums.moves as f64 + (walked.actions.len() - sums.moves) as f64) * seconds.powi(2);
+        let speed = move_weight * sums.way;
+        let turn = move_weight * sums.drift + sums.turned;
+        OptimalResponses::slowest(&self.axes()?, &plane_motion(speed / weight, turn / weight), k)
+    }
+
+    /// The weight of moves at which two half waves along x (φ200) are as slow as one turn of the heading (φ001).
+    ///
+    /// In the thesis's video they were, since its second and third feature mixed the two (§5.2.2). A random walk of the three
+    /// actions turns more: without weights, its slow features hardly know the heading.
+    pub fn thesis_weight(&self, walked: &Walked) -> f64 {
+        let (low, high) = self.world.plan.reachable_box();
+        let sums = walked.sums();
+        // κ²⟨ẋ²⟩ with κ = 2π/L and ⟨ẋ²⟩ = ⟨v²⟩/2.
+        let along = 0.5 * (std::f64::consts::TAU / (high.x - low.x)).powi(2) * sums.way;
+        sums.turned / (along - sums.drift).max(f64::MIN_POSITIVE)
+    }
+
+    /// Links of a walk's frames, which are one action apart; derivatives of moves weigh `move_weight`, those of turns 1.
+    pub fn links(&self, walked: &Walked, move_weight: f64) -> Vec<Option<Link>> {
+        let link = |&action: &Action| {
+            let weight = if action == Action::Forward { move_weight } else { 1.0 };
+            Some(Link { dt: self.scenario.robot.action_seconds, weight })
+        };
+        std::iter::once(None).chain(walked.actions.iter().map(link)).collect()
+    }
+}
+
+/// Sums over a walk.
+struct Sums {
+    /// Actions that drive ahead.
+    moves: usize,
+    /// Squared way of all moves, m².
+    way: f64,
+    /// Squared change of the heading during moves and during turns, rad².
+    drift: f64,
+    turned: f64,
+}
+
+impl Walked {
+    fn sums(&self) -> Sums {
+        let mut sums = Sums { moves: 0, way: 0.0, drift: 0.0, turned: 0.0 };
+        for (pair, &action) in self.poses.windows(2).zip(&self.actions) {
+            let turn = wrap(pair[1].heading - pair[0].heading).powi(2);
+            if action == Action::Forward {
+                sums.moves += 1;
+                sums.way += (pair[1].position - pair[0].position).norm_squared();
+                sums.drift += turn;
+            } else {
+                sums.turned += turn;
+            }
+        }
+        sums
+    }
+}
+
+/// A random walk: poses, and what led from each to the next.
+#[derive(Debug, Clone)]
+pub struct Walked {
+    /// One more than actions.
+    pub poses: Vec<Pose>,
+    /// The actions.
+    pub actions: Vec<Action>,
+    /// Whether a wall stopped each.
+    pub blocked: Vec<bool>,
+}
+
+impl Walked {
+    /// Numbers of `count` transitions spread evenly over the walk; transition `t` leads from pose `t` to pose `t + 1`.
+    pub fn spread(&self, count: usize) -> Vec<usize> {
+        let n = self.actions.len();
+        let count = count.min(n);
+        (0..count).map(|i| i * n / count).collect()
+    }
+
+    /// Rewards of a task for some transitions.
+    pub fn rewards(&self, lab: &Lab, task: usize, transitions: &[usize]) -> Vec<f64> {
+        transitions.iter().map(|&t| lab.world.reward(lab.task(task), self.poses[t + 1].position)).collect()
+    }
+
+    /// Actions that the reflexes let follow some transitions, as bits.
+    pub fn allowed(&self, reflexes: Reflexes, transitions: &[usize]) -> Vec<u32> {
+        let after = |&t: &usize| {
+            let recent = Recent { action: Some(self.actions[t]), blocked: self.blocked[t] };
+            let allowed = Action::ALL.into_iter().filter(|&action| reflexes.allow(action, recent));
+            allowed.fold(0, |bits, action| bits | 1 << action.index())
+        };
+        transitions.iter().map(after).collect()
+    }
+}
+
+/// Poses as points of theory, `3 × n`.
+pub fn points(poses: &[Pose]) -> Mat<f64> {
+    Mat::from_fn(3, poses.len(), |i, j| [poses[j].position.x, poses[j].position.y, poses[j].heading][i])
+}
+
+/// What a result depends on beside its own settings: the world, the walk and the code that makes them.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Data {
+    /// Hash of the complete scenario, seed included.
+    pub scenario: String,
+    /// Actions of the walk.
+    pub actions: usize,
+}
+
+impl Data {
+    /// A walk of some actions through a lab.
+    pub fn new(lab: &Lab, actions: usize) -> Self {
+        Data { scenario: lab.scenario.sha256(), actions }
+    }
+}

@@ -1,0 +1,199 @@
+//! Features over the room: test maps as the thesis prints them, and trajectories, as SVG.
+
+use std::fmt::Write as _;
+
+use nalgebra::Point2;
+use serde::{Deserialize, Serialize};
+
+use super::lab::Lab;
+use crate::scenario::{Task, plan_segments};
+use crate::world::Pose;
+
+/// Headings of a test map (thesis §5.1.5).
+pub const HEADINGS: usize = 8;
+
+/// Places of a test map: a grid over everything that the robot can reach, each place with all headings.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Grid {
+    /// Places along x.
+    pub width: usize,
+    /// Places along y.
+    pub height: usize,
+}
+
+impl Grid {
+    /// All poses: for each heading all places, row by row from the lowest y.
+    pub fn poses(self, lab: &Lab) -> Vec<Pose> {
+        let (low, high) = lab.world.plan.reachable_box();
+        let at = |i: usize, n: usize, axis: usize| low[axis] + (high[axis] - low[axis]) * (i as f64 + 0.5) / n as f64;
+        let mut poses = Vec::with_capacity(self.places() * HEADINGS);
+        for heading in 0..HEADINGS {
+            let angle = std::f64::consts::TAU * heading as f64 / HEADINGS as f64;
+            for row in 0..self.height {
+                for column in 0..self.width {
+                    poses.push(Pose::new(Point2::new(at(column, self.width, 0), at(row, self.height, 1)), angle));
+                }
+            }
+        }
+        poses
+    }
+
+    /// Places of one heading.
+    pub fn places(self) -> usize {
+        self.width * self.height
+    }
+}
+
+/// One picture of a sheet: a name, and values at the places of a grid; `None`: nothing there.
+pub struct Map {
+    /// What stands above it.
+    pub name: String,
+    /// Values, row by row from the lowest y.
+    pub values: Vec<Option<f64>>,
+}
+
+/// Pixels of a place's longer side, at most; of the space around a map; and of the line above it.
+const MAP_WIDTH: f64 = 170.0;
+const GAP: f64 = 14.0;
+const HEAD: f64 = 16.0;
+
+/// Maps in lines, blue below zero, red above; all maps of a line have one scale.
+///
+/// `aspect`: height of the room by its width. Each map is a grid of `grid`.
+pub fn sheet(title: &str, grid: Grid, aspect: f64, lines: &[Vec<Map>]) -> String {
+    let columns = lines.iter().map(Vec::len).max().unwrap_or(0);
+    let (wide, high) = (MAP_WIDTH, MAP_WIDTH * aspect);
+    let width = columns as f64 * (wide + GAP) + GAP;
+    let height = 34.0 + lines.len() as f64 * (high + HEAD + GAP);
+    let mut svg = head(width, height, title);
+    for (row, line) in lines.iter().enumerate() {
+        let values = line.iter().flat_map(|map| &map.values).flatten();
+        let largest = values.fold(0.0f64, |largest, value| largest.max(value.abs()));
+        for (column, map) in line.iter().enumerate() {
+            let (left, top) = (GAP + column as f64 * (wide + GAP), 34.0 + row as f64 * (high + HEAD + GAP));
+            let _ = write!(
+                svg,
+                "<text x=\"{left:.1}\" y=\"{:.1}\" font-size=\"12\">{}</text>",
+                top + 11.0,
+                escaped(&map.name)
+            );
+            let (dx, dy) = (wide / grid.width as f64, high / grid.height as f64);
+            for (place, value) in map.values.iter().enumerate() {
+                let Some(value) = value else { continue };
+                // The y axis points up.
+                let (x, y) = (place % grid.width, grid.height - 1 - place / grid.width);
+                let (x, y) = (left + x as f64 * dx, top + HEAD + y as f64 * dy);
+                // Half a pixel more than the place, so that no white lines show between places.
+                let (w, h) = (dx + 0.5, dy + 0.5);
+                let fill = colour(value / largest.max(f64::MIN_POSITIVE));
+                let _ =
+                    write!(svg, "<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{w:.1}\" height=\"{h:.1}\" fill=\"{fill}\"/>");
+            }
+        }
+    }
+    svg + "</svg>\n"
+}
+
+/// From blue (−1) over white (0) to red (1).
+fn colour(share: f64) -> String {
+    let share = share.clamp(-1.0, 1.0);
+    let ends = if share < 0.0 { [38.0, 92.0, 168.0] } else { [190.0, 40.0, 46.0] };
+    let [r, g, b] = ends.map(|end| (255.0 + (end - 255.0) * share.abs()).round() as u8);
+    format!("#{r:02x}{g:02x}{b:02x}")
+}
+
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;")
+}
+
+fn head(width: f64, height: f64, title: &str) -> String {
+    format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width:.0}\" height=\"{height:.0}\" viewBox=\"0 0 {width:.0} \
+         {height:.0}\" font-family=\"sans-serif\" fill=\"#282c34\">\n<rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n\
+         <text x=\"14\" y=\"22\" font-size=\"16\">{}</text>\n",
+        escaped(title)
+    )
+}
+
+/// A way through the room, for [`room`].
+pub struct Way<'a> {
+    /// Its poses.
+    pub poses: &'a [Pose],
+    /// Steps, if it arrived.
+    pub steps: Option<usize>,
+}
+
+/// Trajectories in a room seen from above, one room beside the other: triangles mark starts, numbers the steps of ways that
+/// arrived; ways that did not are grey.
+pub fn rooms(title: &str, lab: &Lab, rooms: &[(&Task, String, Vec<Way<'_>>)]) -> String {
+    let (low, high) = lab.world.plan.walls_box();
+    let scale = 560.0 / (high.x - low.x);
+    let (wide, tall) = (560.0, (high.y - low.y) * scale);
+    let mut svg = head(rooms.len() as f64 * (wide + 2.0 * GAP), tall + 34.0 + HEAD + 2.0 * GAP, title);
+    for (number, (task, name, ways)) in rooms.iter().enumerate() {
+        let (left, top) = (GAP + number as f64 * (wide + 2.0 * GAP), 34.0 + HEAD + GAP);
+        let place = |point: Point2<f64>| (left + (point.x - low.x) * scale, top + (high.y - point.y) * scale);
+        let _ = writeln!(svg, "<text x=\"{left:.1}\" y=\"{:.1}\" font-size=\"13\">{}</text>", top - 8.0, escaped(name));
+        let (x, y) = place(Point2::from(task.goal));
+        let _ =
+            writeln!(svg, "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{:.1}\" fill=\"#e9b0a8\"/>", task.radius * scale);
+        for (a, b) in lab.scenario.world.walls.iter().flat_map(plan_segments) {
+            let ((ax, ay), (bx, by)) = (place(a), place(b));
+            let _ = writeln!(
+                svg,
+                "<line x1=\"{ax:.1}\" y1=\"{ay:.1}\" x2=\"{bx:.1}\" y2=\"{by:.1}\" stroke=\"#282c34\" stroke-width=\"2\"/>"
+            );
+        }
+        for way in ways {
+            draw_way(&mut svg, way, place);
+        }
+    }
+    svg + "</svg>\n"
+}
+
+fn draw_way(svg: &mut String, way: &Way<'_>, place: impl Fn(Point2<f64>) -> (f64, f64)) {
+    let points: Vec<String> = way
+        .poses
+        .iter()
+        .map(|pose| {
+            let (x, y) = place(pose.position);
+            format!("{x:.1},{y:.1}")
+        })
+        .collect();
+    let stroke = if way.steps.is_some() { "#0072b2" } else { "#8a8a8a" };
+    let _ = writeln!(
+        svg,
+        "<polyline points=\"{}\" fill=\"none\" stroke=\"{stroke}\" stroke-width=\"1.5\"/>",
+        points.join(" ")
+    );
+    let Some(start) = way.poses.first() else { return };
+    let (x, y) = place(start.position);
+    let tip = |angle: f64, length: f64| {
+        let heading = start.heading + angle;
+        format!("{:.1},{:.1}", x + length * heading.cos(), y - length * heading.sin())
+    };
+    let triangle = [tip(0.0, 9.0), tip(2.5, 7.0), tip(-2.5, 7.0)].join(" ");
+    let _ = writeln!(svg, "<polygon points=\"{triangle}\" fill=\"{stroke}\"/>");
+    if let Some(steps) = way.steps {
+        let (dx, dy) = (-14.0 * start.heading.cos() - 4.0, 14.0 * start.heading.sin() + 4.0);
+        let _ = writeln!(svg, "<text x=\"{:.1}\" y=\"{:.1}\" font-size=\"12\">{steps}</text>", x + dx, y + dy);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sheet_has_a_rectangle_for_each_value_in_its_colour() {
+        let map = Map { name: "φ < 1".into(), values: vec![Some(-2.0), Some(1.0), None, Some(0.0)] };
+        let svg = sheet("Title", Grid { width: 2, height: 2 }, 0.6, &[vec![map]]);
+        let document = roxmltree::Document::parse(&svg).unwrap();
+        let fills: Vec<&str> = document
+            .descendants()
+            .filter(|node| node.has_tag_name("rect"))
+            .filter_map(|node| node.attribute("fill"))
+            .collect();
+        assert_eq!(fills, ["white", "#265ca8", "#df9497", "#ffffff"]);
+    }
+}

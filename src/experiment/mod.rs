@@ -1,0 +1,67 @@
+//! The thesis's experiments on our simulator, one command each: settings → cached results → tables and plots.
+//!
+//! Each file is one experiment. It asks the [`Bench`] for the result of each setting, which computes it or takes it from the
+//! [`Cache`], and makes tables and plots of them. The thesis's own figures stand in columns of their own; where the thesis
+//! prints no number (most of its figures are curves) they stay empty.
+//!
+//! | experiment | thesis |
+//! |---|---|
+//! | [`slowness`] | figures *SvC*, *slowness* |
+//! | [`responses`] | figures *sfa_compare*, *nomix*, *mix* |
+//! | [`pose_lspi`] | figure *pi_overfitting* |
+//! | [`vision_lspi`] | figure *pi_nf_sim* |
+//! | [`trajectories`] | figure *robotest* |
+//! | [`selection`] | §2.2.6; Böhmer et al. 2013 |
+//! | [`place_cells`] | §4.2.3; Franzius et al. 2007 |
+
+mod band;
+mod bench;
+mod cache;
+mod error;
+mod lab;
+mod maps;
+mod pipeline;
+pub mod place_cells;
+mod plot;
+pub mod pose_lspi;
+mod quality;
+pub mod responses;
+pub mod selection;
+pub mod slowness;
+mod table;
+mod trained;
+pub mod trajectories;
+pub mod vision_lspi;
+
+pub use band::{BAND, Band};
+pub use bench::{Bench, Experiment, Once, Results, Scope, Size, Sizes, run};
+pub use cache::{Cache, Found, Kept};
+pub use error::ExperimentError;
+pub use table::{Cell, SAYS, THESIS, Table};
+
+/// All experiments, in the order of the thesis.
+pub const ALL: &[Experiment] = &[
+    slowness::EXPERIMENT,
+    responses::EXPERIMENT,
+    pose_lspi::EXPERIMENT,
+    vision_lspi::EXPERIMENT,
+    trajectories::EXPERIMENT,
+    selection::EXPERIMENT,
+    place_cells::EXPERIMENT,
+];
+
+/// The experiment of a name.
+///
+/// # Errors
+/// There is none; the error lists those there are.
+pub fn find(name: &str) -> Result<&'static Experiment, ExperimentError> {
+    ALL.iter().find(|experiment| experiment.name == name).ok_or_else(|| {
+        let near = ALL.iter().map(|experiment| (strsim::jaro_winkler(experiment.name, name), experiment.name));
+        let nearest = near.max_by(|a, b| a.0.total_cmp(&b.0)).filter(|(likeness, _)| *likeness > 0.8);
+        ExperimentError::Unknown {
+            name: name.to_owned(),
+            known: ALL.iter().map(|experiment| experiment.name).collect::<Vec<_>>().join(", "),
+            hint: nearest.map_or(String::new(), |(_, name)| format!("; did you mean {name}?")),
+        }
+    })
+}

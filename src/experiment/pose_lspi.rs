@@ -1,0 +1,476 @@
+//! `pose-lspi`: policy iteration over optimal responses of the true pose (thesis §5.3.3, figure *pi_overfitting*).
+//!
+//! The thesis's question is in which range of feature numbers LSPI works at all, and how much that depends on the first
+//! policy and the number of transitions. Features are the constant and the `d − 1` slowest optimal responses at the true pose;
+//! the goal is the centre of the lab. The thesis's LSPI has neither ridge nor mixing, and its robot no reflexes; ours,
+//! with all three, is the third variant.
+
+use std::collections::BTreeMap;
+use std::sync::atomic::Ordering;
+
+use faer::{Mat, Par};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::lab::{Data, FRAMES, Lab, TRANSITIONS, Walked, points};
+use super::plot::{Line, Scale, chart};
+use super::quality::{Quality, reference_trips};
+use super::{Band, Bench, Cell, Experiment, ExperimentError, Once, Results, Sizes, Table};
+use crate::evaluate::{Evaluator, Trip};
+use crate::policy::Reflexes;
+use crate::slow::theory::OptimalResponses;
+use crate::value::{Fit, Lspi, LspiOptions, Outcomes, Samples, Start};
+use crate::world::Pose;
+
+/// The experiment.
+pub const EXPERIMENT: Experiment = Experiment {
+    name: "pose-lspi",
+    line: "LSPI over trigonometric features of the true pose, by their number (figure pi_overfitting)",
+    lasts: Sizes { full: "about 15 min", quick: "1 min", smoke: "seconds" },
+    run,
+};
+
+const TASK: &str = "centre";
+
+/// Numbers of features `d`.
+const FEATURES: Sizes<&[usize]> = Sizes {
+    full: &[10, 20, 30, 40, 50, 70, 100, 150, 200, 300, 400, 500],
+    quick: &[10, 20, 40, 70, 100, 200],
+    smoke: &[10, 20],
+};
+/// Actions of the walk, and transitions taken from it; the smaller set is half of them.
+const WALK: Sizes<(usize, usize)> =
+    Sizes { full: (FRAMES, TRANSITIONS), quick: (FRAMES, TRANSITIONS), smoke: (600, 400) };
+/// Random starts of the trials, and random first policies.
+const TRIALS: Sizes<(usize, usize)> = Sizes { full: (1000, 10), quick: (200, 4), smoke: (10, 2) };
+
+/// The thesis does not say how often it iterated. Plain LSPI has settled, or begun to run in circles, long before this.
+const MOST_ITERATIONS: usize = 30;
+
+/// Feature numbers between which the thesis's policies need less than a step more than the reference policy, with all
+/// transitions and with half of them (§5.3.3, conclusion 1).
+const REGIME: [(usize, usize); 2] = [(20, 70), (20, 40)];
+
+/// In which order responses are taken: that of their slowness, which depends on how much a walk turns.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+enum Order {
+    /// For the thesis's walk: two half waves along x are as slow as one turn of the heading, see [`Lab::thesis_weight`].
+    Thesis,
+    /// For the walk that the transitions are from.
+    Walk,
+}
+
+impl Order {
+    const ALL: [Order; 2] = [Order::Thesis, Order::Walk];
+
+    fn name(self) -> &'static str {
+        match self {
+            Order::Thesis => "the thesis's",
+            Order::Walk => "this walk's",
+        }
+    }
+
+    fn move_weight(self, lab: &Lab, walked: &Walked) -> f64 {
+        match self {
+            Order::Thesis => lab.thesis_weight(walked),
+            Order::Walk => 1.0,
+        }
+    }
+}
+
+#[derive(Serialize)]
+struct Settings {
+    data: Data,
+    order: Order,
+    task: &'static str,
+    features: usize,
+    transitions: usize,
+    starts: usize,
+    trials: usize,
+    most_iterations: usize,
+}
+
+/// What came of a setting.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Outcome {
+    /// From random first policies.
+    pub drawn: Vec<Fitted>,
+    /// From all actions alike.
+    pub uniform: Fitted,
+    /// With ridge, mixing and reflexes.
+    pub ours: Fitted,
+}
+
+/// A policy, and how it was found.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Fitted {
+    /// Policy evaluations.
+    pub iterations: usize,
+    /// Whether policy iteration settled.
+    pub converged: bool,
+    /// What its trips came to.
+    pub quality: Quality,
+}
+
+/// What all settings of a seed share.
+struct Prepared<'a> {
+    lab: &'a Lab,
+    walked: Walked,
+    transitions: Vec<usize>,
+    evaluator: Evaluator,
+    reference: Vec<Trip>,
+}
+
+fn prepare(lab: &Lab, (frames, transitions): (usize, usize), starts: usize) -> Prepared<'_> {
+    let walked = lab.walk(frames);
+    let transitions = walked.spread(transitions);
+    let evaluator = Evaluator::new(lab.scenario.clone(), lab.world.clone(), starts, lab.scenario.seed);
+    let reference = reference_trips(lab, &evaluator, task_of(lab));
+    Prepared { lab, walked, transitions, evaluator, reference }
+}
+
+/// The task in the lab's scenario, which has one of this name.
+fn task_of(lab: &Lab) -> usize {
+    lab.task_number(TASK).unwrap_or(0)
+}
+
+impl Prepared<'_> {
+    fn outcome(&self, settings: &Settings, bench: &Bench<'_>) -> Result<Outcome, ExperimentError> {
+        let (d, n) = (settings.features, settings.transitions);
+        let lab = self.lab;
+        // The first half of the transitions in time, as in the thesis.
+        let used = &self.transitions[..n];
+        let weight = settings.order.move_weight(lab, &self.walked);
+        let theory = lab.optimal_responses(&self.walked, weight, d - 1)?;
+        let features = |offset: usize| -> Result<Mat<f64>, ExperimentError> {
+            let poses: Vec<Pose> = used.iter().map(|&t| self.walked.poses[t + offset]).collect();
+            let waves = theory.evaluate(points(&poses).as_ref())?;
+            Ok(Mat::from_fn(d, n, |i, j| if i == 0 { 1.0 } else { waves[(i - 1, j)] }))
+        };
+        let (phi, next) = (features(0)?, features(1)?);
+        let (phi, next) = (phi.as_ref(), next.as_ref());
+        let actions: Vec<usize> = used.iter().map(|&t| self.walked.actions[t].index()).collect();
+        let weights = vec![1.0; n];
+        let problem = Lspi::new(Samples { phi, actions: &actions, weights: &weights }, 3, Par::Seq)?;
+        let rewards = self.walked.rewards(lab, task_of(lab), used);
+        let value = &lab.scenario.value;
+        let plain = LspiOptions { gamma: value.gamma, max_iterations: settings.most_iterations, ..Default::default() };
+        let fit =
+            |start| problem.fit(&Outcomes { next, rewards: &rewards, allowed: None }, &LspiOptions { start, ..plain });
+        let stop = bench.stop();
+        let drawn: Vec<Option<Fit>> = (1..=settings.trials as u64)
+            .into_par_iter()
+            .map(|trial| if stop.load(Ordering::Relaxed) { Ok(None) } else { fit(Start::Drawn(trial)).map(Some) })
+            .collect::<Result<_, _>>()?;
+        bench.go_on()?;
+        let uniform = fit(Start::Uniform)?;
+        let reflexes = Reflexes::new(&lab.scenario.policy);
+        let allowed = self.walked.allowed(reflexes, used);
+        let options = LspiOptions {
+            ridge: value.ridge,
+            mixing: value.mixing,
+            max_iterations: value.max_iterations,
+            tolerance: value.tolerance,
+            ..plain
+        };
+        let ours = problem.fit(&Outcomes { next, rewards: &rewards, allowed: Some(&allowed) }, &options)?;
+        let judged = |fit: &Fit, reflexes| Fitted {
+            iterations: fit.iterations,
+            converged: fit.converged,
+            quality: self.quality(fit, &theory, reflexes),
+        };
+        Ok(Outcome {
+            drawn: drawn.iter().flatten().map(|fit| judged(fit, Reflexes::OFF)).collect(),
+            uniform: judged(&uniform, Reflexes::OFF),
+            ours: judged(&ours, reflexes),
+        })
+    }
+
+    fn quality(&self, fit: &Fit, theory: &OptimalResponses, reflexes: Reflexes) -> Quality {
+        let trips = self.evaluator.trips(task_of(self.lab), false, &|situation| {
+            let waves = theory.evaluate(points(&[*situation.pose]).as_ref()).expect("the robot is near the room");
+            let worth = |a: usize| {
+                let weights = fit.weights.col(a);
+                weights[0] + (0..waves.nrows()).map(|i| weights[i + 1] * waves[(i, 0)]).sum::<f64>()
+            };
+            reflexes.best([worth(0), worth(1), worth(2)], situation.recent).0
+        });
+        Quality::of(&trips, &self.reference, self.lab.scenario.value.gamma)
+    }
+}
+
+/// The three variants of a setting, over all seeds.
+type Variants = [Vec<Fitted>; 3];
+
+/// Their names.
+const VARIANTS: [&str; 3] = ["drawn actions", "all actions alike", "ours: ridge, mixing, reflexes"];
+
+/// Everything that was found: by order, training set (0: all transitions, 1: half of them) and number of features.
+type Found = BTreeMap<(Order, usize, usize), Variants>;
+
+fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
+    let scope = bench.scope;
+    let features = scope.pick(FEATURES);
+    let (frames, transitions) = scope.pick(WALK);
+    let (starts, trials) = scope.pick(TRIALS);
+    let sets = [transitions, transitions / 2];
+    bench.plan(scope.seeds.clone().count() * Order::ALL.len() * sets.len() * features.len());
+    let mut found = Found::new();
+    for seed in scope.seeds.clone() {
+        let lab = Lab::new(seed, &[])?;
+        let data = Data::new(&lab, frames);
+        let shared = Once::default();
+        for (order, set, d) in each(features) {
+            bench.go_on()?;
+            let settings = Settings {
+                data: data.clone(),
+                order,
+                task: TASK,
+                features: d,
+                transitions: sets[set],
+                starts,
+                trials,
+                most_iterations: MOST_ITERATIONS,
+            };
+            let label = format!("{d} features in {} order, {} transitions, seed {seed}", order.name(), sets[set]);
+            let outcome: Outcome = bench.result(&label, &settings, || {
+                let make = || Ok::<_, ExperimentError>(prepare(&lab, (frames, transitions), starts));
+                shared.get(make)?.outcome(&settings, bench)
+            })?;
+            let variants = found.entry((order, set, d)).or_default();
+            variants[0].extend(outcome.drawn);
+            variants[1].push(outcome.uniform);
+            variants[2].push(outcome.ours);
+        }
+    }
+    let lab = Lab::new(*scope.seeds.start(), &[])?;
+    let (gamma, weight) = (lab.scenario.value.gamma, lab.thesis_weight(&lab.walk(frames)));
+    let shown = Shown { found, sets, gamma };
+    Ok(Results {
+        tables: vec![shown.regimes(), shown.table(Order::Thesis), shown.table(Order::Walk)],
+        notes: vec![
+            format!(
+                "Goal {TASK}, γ = {gamma}, {starts} random starts; {trials} random first policies for each number of features; \
+                 plain LSPI has at most {MOST_ITERATIONS} evaluations."
+            ),
+            "More than the reference: log_γ of the mean of γ^(steps − steps of the reference policy), as in the thesis; \
+             it can be negative, since the reference policy is not the best one. Quality: against the optimal number of steps."
+                .into(),
+            format!(
+                "Responses are taken in the order of their slowness, which depends on how much a walk turns. The thesis's order: \
+                 moves weigh {weight:.2} times what turns do, so that φ200 and φ001 are equally slow, as they were there, since \
+                 they mixed; this walk turns more, and in its own order the heading comes late."
+            ),
+            "The thesis had 5838 transitions in its smaller set, a little more than half; it prints a curve, of which only what \
+             its text says stands here."
+                .into(),
+        ],
+        plots: shown.plots()?,
+    })
+}
+
+/// All orders, training sets and numbers of features.
+fn each(features: &[usize]) -> impl Iterator<Item = (Order, usize, usize)> {
+    Order::ALL
+        .into_iter()
+        .flat_map(move |order| (0..2).flat_map(move |set| features.iter().map(move |&d| (order, set, d))))
+}
+
+struct Shown {
+    found: Found,
+    sets: [usize; 2],
+    gamma: f64,
+}
+
+fn band(fitted: &[Fitted], of: impl Fn(&Quality) -> Option<f64>) -> Option<Band> {
+    Band::of(&fitted.iter().filter_map(|fitted| of(&fitted.quality)).collect::<Vec<_>>())
+}
+
+fn converged(fitted: &[Fitted]) -> f64 {
+    fitted.iter().filter(|fitted| fitted.converged).count() as f64 / fitted.len().max(1) as f64
+}
+
+impl Shown {
+    /// Steps more than the reference policy, as the thesis plots them: from the mean quality.
+    fn more(&self, fitted: &[Fitted]) -> Option<f64> {
+        let mean = band(fitted, |quality| Some(quality.to_reference))?.mean;
+        (mean > 0.0).then(|| mean.ln() / self.gamma.ln())
+    }
+
+    /// The longest range of feature numbers in which a variant needs less than a step more than the reference policy.
+    fn regime(&self, order: Order, set: usize, variant: usize) -> Option<(usize, usize)> {
+        let mut longest: Option<(usize, usize, usize)> = None;
+        let mut here: Option<(usize, usize, usize)> = None;
+        for (&(_, _, d), variants) in self.found.iter().filter(|((o, s, _), _)| (*o, *s) == (order, set)) {
+            here = match (self.more(&variants[variant]), here) {
+                (Some(more), before) if more < 1.0 => {
+                    Some(before.map_or((d, d, 1), |(first, _, count)| (first, d, count + 1)))
+                }
+                _ => None,
+            };
+            if here.map(|range| range.2) > longest.map(|range| range.2) {
+                longest = here;
+            }
+        }
+        longest.map(|(first, last, _)| (first, last))
+    }
+
+    fn regimes(&self) -> Table {
+        let columns =
+            ["order", "transitions", "first policy", "from features", "to features", "thesis: from", "thesis: to"];
+        let title = "The working regime: numbers of features with less than one step more than the reference policy";
+        let mut table = Table::new(title, &columns);
+        for (order, set) in Order::ALL.into_iter().flat_map(|order| [(order, 0), (order, 1)]) {
+            let drawn = self.regime(order, set, 0);
+            for (variant, name) in VARIANTS.iter().enumerate() {
+                let found = self.regime(order, set, variant);
+                let thesis = (variant == 0).then_some(REGIME[set]);
+                let mut cells = vec![Cell::text(order.name()), Cell::count(self.sets[set]), Cell::text(*name)];
+                for range in [found, thesis] {
+                    cells.push(Cell::maybe(range.map(|(first, _)| first as f64), 0));
+                    cells.push(Cell::maybe(range.map(|(_, last)| last as f64), 0));
+                }
+                table.push(cells, says_of_regime(variant, found, drawn, REGIME[set]));
+            }
+        }
+        table
+    }
+
+    fn table(&self, order: Order) -> Table {
+        let columns = [
+            "transitions",
+            "features",
+            "first policy",
+            "settled",
+            "success",
+            "quality",
+            "deviation",
+            "more than the reference",
+            "thesis: more than the reference",
+        ];
+        let mut table =
+            Table::new(format!("Policies by number of features, in {} order of slowness", order.name()), &columns);
+        for (&(_, set, d), variants) in self.found.iter().filter(|((o, _, _), _)| *o == order) {
+            for (variant, name) in VARIANTS.iter().enumerate() {
+                let fitted = &variants[variant];
+                let quality = band(fitted, |quality| Some(quality.quality));
+                let more = self.more(fitted);
+                let inside = variant == 0 && (REGIME[set].0..=REGIME[set].1).contains(&d);
+                let cells = vec![
+                    Cell::count(self.sets[set]),
+                    Cell::count(d),
+                    Cell::text(*name),
+                    Cell::Number(converged(fitted), 2),
+                    Cell::band(band(fitted, |quality| Some(quality.success)), 3),
+                    Cell::band(quality, 3),
+                    Cell::maybe(quality.filter(|band| band.count > 1).map(|band| band.deviation), 3),
+                    Cell::maybe(more, 2),
+                    if inside { Cell::text("< 1") } else { Cell::Empty },
+                ];
+                let unstable = quality.is_some_and(|band| band.deviation > UNSTABLE);
+                table.push(cells, says(variant, d, REGIME[set], more, unstable));
+            }
+        }
+        table
+    }
+
+    fn plots(&self) -> Result<Vec<(String, String)>, ExperimentError> {
+        let lines = |order: Order, of: &dyn Fn(&Quality) -> Option<f64>| {
+            let mut lines = Vec::new();
+            for (set, n) in self.sets.iter().enumerate() {
+                for (variant, name) in VARIANTS.iter().enumerate() {
+                    let of_set = self.found.iter().filter(|((o, s, _), _)| (*o, *s) == (order, set));
+                    let points = of_set.map(|(&(_, _, d), variants)| (d as f64, band(&variants[variant], of)));
+                    let line = Line::new(format!("{name}, n = {n}"), variant, points);
+                    lines.push(if set == 1 { line.dashed() } else { line });
+                }
+            }
+            lines
+        };
+        let x = Scale::new("features d").log();
+        let mut plots = Vec::new();
+        for order in Order::ALL {
+            let name = if order == Order::Thesis { "thesis-order" } else { "walk-order" };
+            let quality = chart(
+                &format!("Convergence quality, responses in {} order of slowness", order.name()),
+                (&x, &Scale::new("convergence quality C, against the optimum").within(0.0, 1.0)),
+                &lines(order, &|quality| Some(quality.quality)),
+            )?;
+            let more = chart(
+                &format!("Steps more than the reference policy, responses in {} order of slowness", order.name()),
+                (&x, &Scale::new("log_γ C against the reference").within(-1.5, 8.0)),
+                &lines(order, &|quality| quality.more_than_reference),
+            )?;
+            plots.extend([(format!("quality-{name}.svg"), quality), (format!("steps-{name}.svg"), more)]);
+        }
+        Ok(plots)
+    }
+}
+
+/// A standard deviation of the quality over first policies above which it depends on them.
+const UNSTABLE: f64 = 0.05;
+
+fn says_of_regime(
+    variant: usize,
+    found: Option<(usize, usize)>,
+    drawn: Option<(usize, usize)>,
+    (first, last): (usize, usize),
+) -> String {
+    match (variant, found, drawn) {
+        (0, None, _) => "differs: there is none".into(),
+        (0, Some((from, to)), _) => {
+            let begin = if from <= first { "agrees at its beginning" } else { "differs: it begins later" };
+            let end = if to > last { "differs: it ends later" } else { "agrees at its end" };
+            format!("{begin}; {end}")
+        }
+        (1, Some(found), Some(drawn)) => {
+            let times = found.1 as f64 / drawn.1 as f64;
+            if times >= 1.5 {
+                format!("agrees: {times:.1} times as far as from drawn actions (thesis: about twice)")
+            } else {
+                format!("differs: {times:.1} times as far as from drawn actions (thesis: about twice)")
+            }
+        }
+        (1, _, _) => "differs: there is none to compare (thesis: about twice that of drawn actions)".into(),
+        _ => "not in the thesis".into(),
+    }
+}
+
+fn says(variant: usize, d: usize, (first, last): (usize, usize), more: Option<f64>, unstable: bool) -> String {
+    if variant != 0 {
+        return if variant == 1 { "no number in its text" } else { "not in the thesis" }.into();
+    }
+    let below = more.is_some_and(|more| more < 1.0);
+    match (d < first, d <= last, below, unstable) {
+        (true, _, _, _) => "no number in its text",
+        (_, true, true, _) => "agrees: less than one step more",
+        (_, true, false, _) => "differs: a step or more",
+        (_, false, _, true) => "agrees: depends on the first policy",
+        (_, false, true, false) => "differs: it still works, whatever the first policy",
+        (_, false, false, false) => "agrees that it is worse; differs: not for the first policy's sake",
+    }
+    .into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn fitted(to_reference: f64) -> Vec<Fitted> {
+        let quality =
+            Quality { success: 1.0, steps: None, extra: None, quality: 0.9, to_reference, more_than_reference: None };
+        vec![Fitted { iterations: 3, converged: true, quality }]
+    }
+
+    #[test]
+    fn the_regime_is_the_longest_range_below_one_step() {
+        let at = |good: bool| [fitted(if good { 0.95 } else { 0.5 }), Vec::new(), Vec::new()];
+        let good = [(10, false), (20, true), (30, true), (40, false), (50, true)];
+        let found = good.into_iter().map(|(d, good)| ((Order::Walk, 0, d), at(good))).collect();
+        let shown = Shown { found, sets: [100, 50], gamma: 0.9 };
+        assert_eq!(shown.regime(Order::Walk, 0, 0), Some((20, 30)));
+        assert_eq!((shown.regime(Order::Walk, 1, 0), shown.regime(Order::Thesis, 0, 0)), (None, None));
+        assert!((shown.more(&fitted(0.81)).unwrap() - 2.0).abs() < 1e-9);
+    }
+}

@@ -1,0 +1,458 @@
+//! `responses`: what slow features look like over the room, and which optimal responses they are (thesis §5.2.2, figures
+//! *sfa_compare*, *nomix*, *mix*).
+//!
+//! Features are judged on test maps: 8 headings at 64 × 32 places, seen by a camera without noise. Equally slow responses
+//! may mix, so single features are compared with single responses and with pairs of them, and whole sets of features with
+//! sets of responses, by the angles between the subspaces that they span.
+
+use faer::{Mat, MatRef};
+use serde::{Deserialize, Serialize};
+
+use super::lab::{FRAMES, Lab, points};
+use super::maps::{Grid, HEADINGS, Map, sheet};
+use super::plot::{Line, Scale, chart};
+use super::trained::{Training, train};
+use super::{Band, Bench, Cell, Experiment, ExperimentError, Results, Sizes, Table};
+use crate::slow::theory::Response;
+use crate::world::Pose;
+
+/// The experiment.
+pub const EXPERIMENT: Experiment = Experiment {
+    name: "responses",
+    line: "test maps of slow features, their match with optimal responses, mixtures (figures sfa_compare, nomix, mix)",
+    lasts: Sizes { full: "about half an hour", quick: "2 min", smoke: "seconds" },
+    run,
+};
+
+/// Actions of the walk and support vectors (the thesis had 8064).
+const TRAINING: Sizes<(usize, usize)> = Sizes { full: (FRAMES - 1, 8000), quick: (12_000, 1000), smoke: (600, 60) };
+/// Places of the test maps (thesis §5.1.5).
+const PLACES: Sizes<Grid> = Sizes {
+    full: Grid { width: 64, height: 32 },
+    quick: Grid { width: 32, height: 16 },
+    smoke: Grid { width: 8, height: 4 },
+};
+/// Places of the maps that are kept for the pictures, at most.
+const SHOWN: Grid = Grid { width: 32, height: 16 };
+/// Features that are drawn and described one by one.
+const SINGLE: usize = 6;
+/// Sizes of the sets that are compared as subspaces.
+const SETS: [usize; 6] = [1, 3, 6, 10, 20, 30];
+/// Responses that single features are looked for among.
+const CANDIDATES: usize = 30;
+/// Steps in which values of maps are kept.
+const STEP: f64 = 0.01;
+
+#[derive(Serialize)]
+struct Settings {
+    training: Training,
+    places: Grid,
+    sets: [usize; 6],
+    candidates: usize,
+}
+
+/// What came of a seed.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Outcome {
+    /// Support vectors.
+    pub support_vectors: usize,
+    /// Weight of the derivatives of moves.
+    pub move_weight: f64,
+    /// Theory's slowest responses: numbers along x, y and heading, and slowness.
+    pub theory: Vec<([usize; 3], f64)>,
+    /// The first features.
+    pub single: Vec<Single>,
+    /// For each of the sets: how well the features' span and the responses' agree.
+    pub sets: Vec<Subspaces>,
+    /// Maps of the first features, in whole steps of 0.01: heading by heading, row by row.
+    pub maps: Vec<Vec<i16>>,
+    /// Places of these maps.
+    pub grid: Grid,
+}
+
+/// One feature among the optimal responses.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Single {
+    /// Slowness on the training frames, 1/s².
+    pub slowness: f64,
+    /// Share of its variance that depends on the place alone.
+    pub by_place: f64,
+    /// The response that is most like it, and their correlation, without its sign.
+    pub best: ([usize; 3], f64),
+    /// The two responses that explain most of it, their weights, and the share of the variance that they explain.
+    pub pair: ([[usize; 3]; 2], [f64; 2], f64),
+    /// Share of its variance within the span of all candidates.
+    pub explained: f64,
+}
+
+/// Angles between the span of the first features and that of as many responses.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Subspaces {
+    /// How many.
+    pub size: usize,
+    /// Mean of the squared cosines of the principal angles: 1 where the spans are the same.
+    pub overlap: f64,
+    /// The largest angle, degrees.
+    pub largest_deg: f64,
+}
+
+fn compute(lab: &Lab, settings: &Settings, bench: &Bench<'_>) -> Result<Outcome, ExperimentError> {
+    let trained = train(lab, &settings.training, bench)?;
+    let weight = lab.thesis_weight(&trained.walked);
+    let theory = lab.optimal_responses(&trained.walked, weight, settings.candidates)?;
+    let poses = settings.places.poses(lab);
+    let at = |poses: &[Pose]| -> Result<Mat<f64>, ExperimentError> {
+        let phi = trained.model.apply(lab.views(poses, bench)?.as_ref(), bench.scope.par)?;
+        Ok(phi.subrows(1, phi.nrows() - 1).to_owned())
+    };
+    let features = at(&poses)?;
+    let responses = theory.evaluate(points(&poses).as_ref())?;
+    let indices = |response: &Response| [response.indices[0], response.indices[1], response.indices[2]];
+    let names: Vec<[usize; 3]> = theory.responses().iter().map(indices).collect();
+    let (f, r) = (standardised(features.as_ref()), standardised(responses.as_ref()));
+    let correlations = &f * r.transpose();
+    let places = settings.places.places();
+    let single = |i: usize| -> Result<Single, ExperimentError> {
+        let row: Vec<f64> = (0..names.len()).map(|j| correlations[(i, j)]).collect();
+        let best = (0..row.len()).max_by(|&a, &b| row[a].abs().total_cmp(&row[b].abs())).unwrap_or(0);
+        let (pair, weights, share) = best_pair(&row, &(&r * r.transpose()));
+        Ok(Single {
+            slowness: trained.model.slowness[i],
+            by_place: by_place(f.row(i).iter().copied(), places),
+            best: (names[best], row[best].abs()),
+            pair: ([names[pair[0]], names[pair[1]]], weights, share),
+            explained: overlap(f.subrows(i, 1), r.as_ref())?.0,
+        })
+    };
+    let count = f.nrows().min(SINGLE);
+    let sets = settings.sets.iter().copied().filter(|&size| size <= f.nrows().min(names.len())).map(|size| {
+        let (overlap, largest) = overlap(f.subrows(0, size), r.subrows(0, size))?;
+        Ok(Subspaces { size, overlap, largest_deg: largest.to_degrees() })
+    });
+    // The pictures need no finer grid than this.
+    let grid = if places > SHOWN.places() { SHOWN } else { settings.places };
+    let shown = if grid == settings.places { features } else { at(&grid.poses(lab))? };
+    let kept = |i: usize| shown.row(i).iter().map(|value| (value / STEP).round() as i16).collect();
+    Ok(Outcome {
+        support_vectors: trained.model.members.ncols(),
+        move_weight: weight,
+        theory: names.iter().copied().zip(theory.responses().iter().map(|response| response.slowness)).collect(),
+        single: (0..count).map(single).collect::<Result<_, _>>()?,
+        sets: sets.collect::<Result<_, ExperimentError>>()?,
+        maps: (0..count).map(kept).collect(),
+        grid,
+    })
+}
+
+/// Rows with mean 0 and length 1.
+fn standardised(rows: MatRef<'_, f64>) -> Mat<f64> {
+    let n = rows.ncols();
+    let mut out = rows.to_owned();
+    for i in 0..rows.nrows() {
+        let mean = rows.row(i).iter().sum::<f64>() / n as f64;
+        let length = rows.row(i).iter().map(|value| (value - mean).powi(2)).sum::<f64>().sqrt().max(f64::MIN_POSITIVE);
+        (0..n).for_each(|j| out[(i, j)] = (rows[(i, j)] - mean) / length);
+    }
+    out
+}
+
+/// The two responses whose combination explains most of a feature, from correlations: which, their weights, and the share.
+fn best_pair(correlations: &[f64], among: &Mat<f64>) -> ([usize; 2], [f64; 2], f64) {
+    let mut best = ([0, 0], [correlations[0], 0.0], correlations[0].powi(2));
+    for a in 0..correlations.len() {
+        for b in 0..a {
+            let (x, y, c) = (correlations[a], correlations[b], among[(a, b)]);
+            let rest = 1.0 - c * c;
+            if rest > 1e-9 {
+                let weights = [(x - c * y) / rest, (y - c * x) / rest];
+                let share = weights[0] * x + weights[1] * y;
+                if share > best.2 {
+                    best = ([a, b], weights, share);
+                }
+            }
+        }
+    }
+    best
+}
+
+/// Share of the variance of a map's values that the means over all headings have.
+fn by_place(values: impl Iterator<Item = f64>, places: usize) -> f64 {
+    let values: Vec<f64> = values.collect();
+    let mean = |place: usize| (0..HEADINGS).map(|h| values[h * places + place]).sum::<f64>() / HEADINGS as f64;
+    let variance = |values: &[f64]| {
+        let mean = values.iter().sum::<f64>() / values.len() as f64;
+        values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / values.len() as f64
+    };
+    let means: Vec<f64> = (0..places).map(mean).collect();
+    variance(&means) / variance(&values)
+}
+
+/// Mean squared cosine of the principal angles between the spans of the rows of two matrices (over the smaller span), and the
+/// largest angle, radians.
+///
+/// # Reference
+/// Björck & Golub 1973.
+fn overlap(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Result<(f64, f64), ExperimentError> {
+    let basis = |rows: MatRef<'_, f64>| rows.transpose().to_owned().qr().compute_thin_Q();
+    let product = basis(a).transpose() * basis(b);
+    let failed = |_| ExperimentError::Decomposition("the singular values of two subspaces");
+    let cosines = product.singular_values().map_err(failed)?;
+    let mean = cosines.iter().map(|cosine| cosine.min(1.0).powi(2)).sum::<f64>() / cosines.len() as f64;
+    let smallest = cosines.iter().copied().fold(1.0, f64::min);
+    Ok((mean, smallest.clamp(0.0, 1.0).acos()))
+}
+
+fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
+    let scope = bench.scope;
+    let (actions, vectors) = scope.pick(TRAINING);
+    let places = scope.pick(PLACES);
+    bench.plan(scope.seeds.clone().count());
+    let mut outcomes: Vec<Outcome> = Vec::new();
+    let first = Lab::new(*scope.seeds.start(), &[])?;
+    for seed in scope.seeds.clone() {
+        let lab = Lab::new(seed, &[])?;
+        let training = Training::new(&lab, actions, vectors, CANDIDATES);
+        let settings = Settings { training, places, sets: SETS, candidates: CANDIDATES };
+        outcomes.push(bench.result(&format!("seed {seed}"), &settings, || compute(&lab, &settings, bench))?);
+    }
+    let Some(one) = outcomes.first() else { return Ok(Results::default()) };
+    let seed = *scope.seeds.start();
+    Ok(Results {
+        tables: vec![single(one, seed), subspaces(&outcomes), theory(one, seed)],
+        notes: vec![
+            format!(
+                "Test maps: {HEADINGS} headings at {} × {} places, a camera without noise; {} support vectors (thesis: 8064), \
+                 {} frames.",
+                places.width,
+                places.height,
+                one.support_vectors,
+                actions + 1
+            ),
+            format!(
+                "Derivatives of moves weigh {:.2} times those of turns. This random walk turns more than the thesis's; with this \
+                 weight φ(2 0 0) and φ(0 0 1) are equally slow in theory, as they must have been there, since they mixed.",
+                one.move_weight
+            ),
+            "φ(i j l): i half waves along x, j along y, l the number of the function of the heading (1: sine, 2: cosine of one \
+             turn, …). The thesis's φ100, φ200 and φ001 are φ(1 0 0), φ(2 0 0) and one of φ(0 0 1), φ(0 0 2)."
+                .into(),
+        ],
+        plots: plots(one, &first, &outcomes)?,
+    })
+}
+
+fn phi([x, y, heading]: [usize; 3]) -> String {
+    format!("φ({x} {y} {heading})")
+}
+
+/// A feature explained to this share by one response counts as that response, by two as their mixture.
+const LIKE: f64 = 0.8;
+
+fn single(outcome: &Outcome, seed: u64) -> Table {
+    let columns = [
+        "feature",
+        "slowness, 1/s²",
+        "by place alone",
+        "most like",
+        "correlation",
+        "mixture of two",
+        "explained",
+        "a² + b²",
+        "explained by 30",
+        "thesis: simulator",
+    ];
+    let mut table = Table::new(format!("The first features as optimal responses, seed {seed}"), &columns);
+    for (i, found) in outcome.single.iter().enumerate() {
+        let ([one, other], [a, b], share) = found.pair;
+        let thesis = match i {
+            0 => "φ(1 0 0)",
+            1 => "a φ(2 0 0) + b φ(0 0 1)",
+            2 => "b φ(2 0 0) − a φ(0 0 1)",
+            _ => "like no single one",
+        };
+        table.push(
+            vec![
+                Cell::count(i + 1),
+                Cell::Number(found.slowness, 4),
+                Cell::Number(found.by_place, 2),
+                Cell::text(phi(found.best.0)),
+                Cell::Number(found.best.1, 3),
+                Cell::text(format!("{a:+.2} {} {b:+.2} {}", phi(one), phi(other))),
+                Cell::Number(share, 3),
+                Cell::Number(a * a + b * b, 2),
+                Cell::Number(found.explained, 3),
+                Cell::text(thesis),
+            ],
+            says_of_single(i, found),
+        );
+    }
+    table
+}
+
+fn says_of_single(i: usize, found: &Single) -> String {
+    let alike = found.best.1.powi(2) >= LIKE;
+    let mixed = found.pair.2 >= LIKE;
+    match i {
+        0 if alike && found.best.0 == [1, 0, 0] => "agrees".into(),
+        0 => format!("differs: most like {}", phi(found.best.0)),
+        1 | 2 if alike => format!("differs: no mixture, but {}", phi(found.best.0)),
+        1 | 2 if mixed => {
+            let heading = |index: [usize; 3]| index[0] == 0 && index[1] == 0 && index[2] > 0;
+            let [one, other] = found.pair.0;
+            let same = [one, other].contains(&[2, 0, 0]) && (heading(one) || heading(other));
+            if same {
+                "agrees: the same mixture".into()
+            } else {
+                "agrees that it is a mixture; differs: of others".into()
+            }
+        }
+        1 | 2 => "differs: no mixture of two".into(),
+        _ if alike => format!("differs: like {}", phi(found.best.0)),
+        _ if mixed => "agrees: like no single one; it is a mixture of two".into(),
+        _ => "agrees: like no single one".into(),
+    }
+}
+
+fn subspaces(outcomes: &[Outcome]) -> Table {
+    let columns = ["features and responses", "overlap", "largest angle, °"];
+    let mut table = Table::new(
+        "The span of the first features and that of as many optimal responses (overlap: mean cos²)",
+        &columns,
+    );
+    for size in SETS {
+        let of: Vec<&Subspaces> =
+            outcomes.iter().flat_map(|outcome| &outcome.sets).filter(|set| set.size == size).collect();
+        let band = |value: fn(&Subspaces) -> f64| Band::of(&of.iter().map(|set| value(set)).collect::<Vec<_>>());
+        if !of.is_empty() {
+            let cells = vec![
+                Cell::count(size),
+                Cell::band(band(|set| set.overlap), 3),
+                Cell::band(band(|set| set.largest_deg), 1),
+            ];
+            table.push(cells, "not in the thesis");
+        }
+    }
+    table
+}
+
+fn theory(outcome: &Outcome, seed: u64) -> Table {
+    let mut table = Table::new(
+        format!("Theory's order of responses for this walk's speeds, seed {seed}"),
+        &["number", "response", "slowness in theory, 1/s²", "slowness of the feature, 1/s²"],
+    );
+    for (i, (index, slowness)) in outcome.theory.iter().enumerate().take(10) {
+        let feature = outcome.single.get(i).map(|found| found.slowness);
+        table.push(
+            vec![Cell::count(i + 1), Cell::text(phi(*index)), Cell::Number(*slowness, 4), Cell::maybe(feature, 4)],
+            "no number in its text",
+        );
+    }
+    table
+}
+
+fn plots(outcome: &Outcome, lab: &Lab, outcomes: &[Outcome]) -> Result<Vec<(String, String)>, ExperimentError> {
+    let (low, high) = lab.world.plan.reachable_box();
+    let aspect = (high.y - low.y) / (high.x - low.x);
+    let places = outcome.grid.places();
+    let map = |name: String, values: &[f64], heading: usize| Map {
+        name,
+        values: values[heading * places..(heading + 1) * places].iter().map(|&value| Some(value)).collect(),
+    };
+    let features: Vec<Vec<f64>> =
+        outcome.maps.iter().map(|map| map.iter().map(|&value| f64::from(value) * STEP).collect()).collect();
+    let degrees = |heading: usize| format!("{}°", 360 * heading / HEADINGS);
+    // The first features in two opposite directions, as in the thesis.
+    let compare: Vec<Vec<Map>> = [0, HEADINGS / 2]
+        .map(|heading| {
+            let of = |(i, values): (usize, &Vec<f64>)| {
+                map(format!("feature {}, {}", i + 1, degrees(heading)), values, heading)
+            };
+            features.iter().enumerate().map(of).collect()
+        })
+        .into();
+    // The first three in all directions, each above the response, or the mixture of two, that is most like it.
+    let poses = outcome.grid.poses(lab);
+    let axes = lab.axes()?;
+    let response = |index: [usize; 3]| -> Vec<f64> {
+        let wave = |pose: &Pose| {
+            let state = [pose.position.x, pose.position.y, pose.heading];
+            (0..3).map(|d| axes[d].wave(index[d], state[d]) * if index[d] == 0 { 1.0 } else { 2f64.sqrt() }).product()
+        };
+        poses.iter().map(wave).collect()
+    };
+    let mut matched: Vec<Vec<Map>> = Vec::new();
+    for (i, (found, values)) in outcome.single.iter().zip(&features).enumerate().take(3) {
+        let all = |name: &str, values: &[f64]| {
+            (0..HEADINGS).map(|h| map(format!("{name}, {}", degrees(h)), values, h)).collect::<Vec<_>>()
+        };
+        matched.push(all(&format!("feature {}", i + 1), values));
+        let ([one, other], [a, b], _) = found.pair;
+        let (one_values, other_values) = (response(one), response(other));
+        let mixture: Vec<f64> = one_values.iter().zip(&other_values).map(|(x, y)| a * x + b * y).collect();
+        matched.push(all(&format!("{a:+.1}{} {b:+.1}{}", phi(one), phi(other)), &mixture));
+    }
+    let sets = Line::new(
+        "overlap",
+        0,
+        SETS.map(|size| {
+            let of = outcomes.iter().flat_map(|outcome| &outcome.sets).filter(|set| set.size == size);
+            (size as f64, Band::of(&of.map(|set| set.overlap).collect::<Vec<_>>()))
+        }),
+    );
+    let overlap = chart(
+        "Span of the first features and of as many optimal responses",
+        (&Scale::new("features and responses"), &Scale::new("mean cos² of the principal angles").within(0.0, 1.0)),
+        &[sets],
+    )?;
+    Ok(vec![
+        ("compare.svg".into(), sheet("The first features in two opposite directions", outcome.grid, aspect, &compare)),
+        (
+            "mixtures.svg".into(),
+            sheet(
+                "The first three features, and below each the mixture of two responses that is most like it",
+                outcome.grid,
+                aspect,
+                &matched,
+            ),
+        ),
+        ("overlap.svg".into(), overlap),
+    ])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn spans_are_compared_whatever_their_bases() {
+        let e = |i: usize| Mat::from_fn(1, 5, |_, j| f64::from(u8::from(i == j)));
+        let rows = |vectors: &[Mat<f64>]| Mat::from_fn(vectors.len(), 5, |i, j| vectors[i][(0, j)]);
+        let a = rows(&[e(0), e(1)]);
+        let turned = rows(&[&e(0) + &e(1), &e(0) - &e(1)]);
+        let (same, angle) = overlap(a.as_ref(), turned.as_ref()).unwrap();
+        assert!((same - 1.0).abs() < 1e-12 && angle < 1e-6);
+        let half = rows(&[e(0), e(2)]);
+        let (found, angle) = overlap(a.as_ref(), half.as_ref()).unwrap();
+        assert!((found - 0.5).abs() < 1e-12 && (angle.to_degrees() - 90.0).abs() < 1e-6);
+        let between = rows(&[&e(0) + &e(3)]);
+        assert!((overlap(between.as_ref(), a.as_ref()).unwrap().0 - 0.5).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_best_pair_is_found_with_its_weights() {
+        // A feature that is 0.6 of the first response and 0.8 of the third, which share nothing.
+        let among = Mat::<f64>::identity(3, 3);
+        let (pair, weights, share) = best_pair(&[0.6, 0.05, 0.8], &among);
+        assert_eq!((pair, weights), ([2, 0], [0.8, 0.6]));
+        assert!((share - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn variance_by_place_is_that_of_the_means_over_headings() {
+        let places = 3;
+        let value = |heading: usize, place: usize| place as f64 + if heading.is_multiple_of(2) { 1.0 } else { -1.0 };
+        let map = (0..HEADINGS).flat_map(|h| (0..places).map(move |p| value(h, p)));
+        let expected = (2.0 / 3.0) / (2.0 / 3.0 + 1.0);
+        assert!((by_place(map, places) - expected).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,396 @@
+//! `slowness`: how slow features get with the number of support vectors (thesis §5.2.1, figures *SvC* and *slowness*).
+//!
+//! The thesis's training set is a video of 35 128 frames at about one a second. Kernel SFA with ALD (ν = 0.1, the width varied)
+//! is compared with linear SFA on the pixels and with the optimal responses of theory at the true poses, for images of
+//! 32 × 16 and 64 × 32 pixels.
+
+use std::collections::BTreeMap;
+
+use faer::Mat;
+use serde::{Deserialize, Serialize};
+
+use super::lab::{Data, FRAMES, Lab, Walked, points};
+use super::pipeline::{LAMBDA, NU, Widths, slow_features, slowness_of};
+use super::plot::{Line, Scale, chart};
+use super::{Band, Bench, Cell, Experiment, ExperimentError, Once, Results, Sizes, Table};
+use crate::slow::LinearStream;
+
+/// The experiment.
+pub const EXPERIMENT: Experiment = Experiment {
+    name: "slowness",
+    line: "slowness by number of support vectors, linear SFA, two image sizes (figures SvC and slowness)",
+    lasts: Sizes { full: "about an hour", quick: "3 min", smoke: "seconds" },
+    run,
+};
+
+/// Frames of the video.
+const WALK: Sizes<usize> = Sizes { full: FRAMES, quick: 8000, smoke: 400 };
+/// Numbers of support vectors that are aimed at.
+const VECTORS: Sizes<&[usize]> =
+    Sizes { full: &[100, 200, 400, 700, 1000, 2000, 4000, 8000], quick: &[100, 200, 400, 700, 1000], smoke: &[30, 60] };
+/// Features that are solved for.
+const FEATURES: Sizes<usize> = Sizes { full: 100, quick: 60, smoke: 12 };
+/// Sizes of the images.
+const IMAGES: [(usize, usize); 2] = [(32, 16), (64, 32)];
+/// Numbers of features over which the mean is taken: the thesis plots it every 10 features.
+const MEANS: [usize; 4] = [1, 10, 30, 60];
+/// The number of support vectors at which kernel SFA is as slow as linear SFA in the thesis (§5.2.1).
+const LIKE_LINEAR: usize = 700;
+
+/// What slowness is measured of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+enum Method {
+    /// Kernel SFA with about so many support vectors.
+    Kernel(usize),
+    Linear,
+    /// Theory's responses at the true poses.
+    Optimal,
+}
+
+#[derive(Serialize)]
+struct Settings {
+    data: Data,
+    image: (usize, usize),
+    method: Method,
+    features: usize,
+    weighted_as_in_the_thesis: bool,
+    nu: f64,
+    lambda: f64,
+}
+
+/// What came of a setting.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Outcome {
+    /// Support vectors, if any.
+    pub support_vectors: Option<usize>,
+    /// Kernel width, grey levels.
+    pub sigma: Option<f64>,
+    /// Slowness of each feature on the training frames, 1/s², ascending.
+    pub slowness: Vec<f64>,
+}
+
+impl Outcome {
+    /// Mean slowness of the first features.
+    fn mean(&self, of: usize) -> Option<f64> {
+        (self.slowness.len() >= of).then(|| self.slowness[..of].iter().sum::<f64>() / of as f64)
+    }
+}
+
+/// A video and what was found about its kernel widths.
+struct Video<'a> {
+    lab: &'a Lab,
+    walked: &'a Walked,
+    frames: Once<Mat<f32>>,
+    widths: std::cell::RefCell<Widths>,
+}
+
+impl Video<'_> {
+    fn outcome(&self, settings: &Settings, bench: &Bench<'_>) -> Result<Outcome, ExperimentError> {
+        let weight = self.lab.thesis_weight(self.walked);
+        let links = self.lab.links(self.walked, weight);
+        if settings.method == Method::Optimal {
+            let theory = self.lab.optimal_responses(self.walked, weight, settings.features)?;
+            let mut slowness = slowness_of(theory.evaluate(points(&self.walked.poses).as_ref())?.as_ref(), &links);
+            slowness.sort_by(f64::total_cmp);
+            return Ok(Outcome { support_vectors: None, sigma: None, slowness });
+        }
+        let frames = self.frames.get(|| self.lab.video(&self.walked.poses, bench))?.as_ref();
+        let Method::Kernel(target) = settings.method else {
+            let mut stream = LinearStream::new();
+            for start in (0..frames.ncols()).step_by(1024) {
+                bench.go_on()?;
+                let count = 1024.min(frames.ncols() - start);
+                let part = Mat::from_fn(frames.nrows(), count, |i, j| f64::from(frames[(i, start + j)]));
+                stream.push(part.as_ref(), &links[start..start + count])?;
+            }
+            let slowness = stream.solve(settings.features, settings.lambda)?.slowness;
+            return Ok(Outcome { support_vectors: None, sigma: None, slowness });
+        };
+        let dictionary = self.widths.borrow_mut().select(frames, target, bench)?;
+        let (features, model) = slow_features(&dictionary, frames, &links, settings.features, bench)?;
+        Ok(Outcome {
+            support_vectors: Some(dictionary.len()),
+            sigma: model.kernel.sigma(),
+            slowness: features.slowness,
+        })
+    }
+}
+
+/// By image and method, one outcome for each seed.
+type Found = BTreeMap<((usize, usize), Method), Vec<Outcome>>;
+
+fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
+    let scope = bench.scope;
+    let (frames, features) = (scope.pick(WALK), scope.pick(FEATURES));
+    let mut methods: Vec<((usize, usize), Method)> = vec![(IMAGES[0], Method::Optimal), (IMAGES[0], Method::Linear)];
+    for image in IMAGES {
+        methods.extend(scope.pick(VECTORS).iter().map(|&target| (image, Method::Kernel(target))));
+    }
+    bench.plan(scope.seeds.clone().count() * methods.len());
+    let mut found = Found::new();
+    for seed in scope.seeds.clone() {
+        let labs = IMAGES.map(|(width, height)| {
+            Lab::new(seed, &[&format!("vision.width={width}"), &format!("vision.height={height}")])
+        });
+        for (lab, image) in labs.into_iter().zip(IMAGES) {
+            let lab = lab?;
+            let walked = lab.walk(frames - 1);
+            let video = Video { lab: &lab, walked: &walked, frames: Once::default(), widths: Default::default() };
+            for &(_, method) in methods.iter().filter(|(of, _)| *of == image) {
+                let data = Data::new(&lab, frames - 1);
+                let weighted_as_in_the_thesis = true;
+                let settings =
+                    Settings { data, image, method, features, weighted_as_in_the_thesis, nu: NU, lambda: LAMBDA };
+                let label = format!("{}, {} × {}, seed {seed}", name(method), image.0, image.1);
+                let outcome = bench.result(&label, &settings, || video.outcome(&settings, bench))?;
+                found.entry((image, method)).or_default().push(outcome);
+            }
+        }
+    }
+    let shown = Shown { found };
+    Ok(Results {
+        tables: vec![shown.table(), shown.claims()],
+        notes: vec![
+            format!(
+                "{frames} frames, one for each action of a random walk; slowness in 1/s² on these frames, mean over the first \
+                 features; moves weigh so much more than turns that φ200 and φ001 are equally slow, as they were in the thesis. \
+                 ALD with ν = {NU}; the kernel width was chosen for the number of support vectors."
+            ),
+            "Optimal responses: theory's functions of the true pose, measured on the same walk. They are optimal for a walk that \
+             visits all poses alike and whose speed does not depend on the pose; on this walk others can be slower. Linear SFA \
+             has 32 × 16 pixels only, as in the thesis."
+                .into(),
+            "Of these curves the thesis prints no values.".into(),
+        ],
+        plots: shown.plots()?,
+    })
+}
+
+fn name(method: Method) -> String {
+    match method {
+        Method::Kernel(target) => format!("kernel SFA, about {target} vectors"),
+        Method::Linear => "linear SFA".into(),
+        Method::Optimal => "optimal responses".into(),
+    }
+}
+
+struct Shown {
+    found: Found,
+}
+
+impl Shown {
+    fn band(&self, image: (usize, usize), method: Method, of: impl Fn(&Outcome) -> Option<f64>) -> Option<Band> {
+        let outcomes = self.found.get(&(image, method))?;
+        Band::of(&outcomes.iter().filter_map(of).collect::<Vec<_>>())
+    }
+
+    fn mean(&self, image: (usize, usize), method: Method, of: usize) -> Option<f64> {
+        Some(self.band(image, method, |outcome| outcome.mean(of))?.mean)
+    }
+
+    /// Features over whose mean the claims are judged: the most that every method has of [`MEANS`].
+    fn judged(&self) -> usize {
+        let fewest = self.found.values().flatten().map(|outcome| outcome.slowness.len()).min().unwrap_or(1);
+        MEANS.into_iter().filter(|&of| of <= fewest.min(30)).max().unwrap_or(1)
+    }
+
+    fn table(&self) -> Table {
+        let means = MEANS.map(|of| if of == 1 { "first".to_owned() } else { format!("mean of {of}") });
+        let mut columns = vec!["image", "method", "support vectors", "sigma"];
+        columns.extend(means.iter().map(String::as_str));
+        let mut table = Table::new("Slowness, 1/s²", &columns);
+        for &(image, method) in self.found.keys() {
+            let text = match method {
+                Method::Kernel(_) => "kernel SFA",
+                Method::Linear => "linear SFA",
+                Method::Optimal => "optimal responses",
+            };
+            let mut cells = vec![
+                Cell::text(format!("{} × {}", image.0, image.1)),
+                Cell::text(text),
+                Cell::band(self.band(image, method, |outcome| Some(outcome.support_vectors? as f64)), 0),
+                Cell::band(self.band(image, method, |outcome| outcome.sigma), 0),
+            ];
+            cells.extend(MEANS.map(|of| Cell::band(self.band(image, method, |outcome| outcome.mean(of)), 4)));
+            table.push(cells, self.says(image, method));
+        }
+        table
+    }
+
+    /// What the thesis says of a row.
+    fn says(&self, image: (usize, usize), method: Method) -> String {
+        let of = self.judged();
+        let optimum = self.mean(IMAGES[0], Method::Optimal, of);
+        let here = self.mean(image, method, of);
+        let (Some(optimum), Some(here)) = (optimum, here) else { return "no number in its text".into() };
+        match method {
+            Method::Optimal => "the bound of its figure".into(),
+            _ if here < optimum => {
+                format!("differs: {:.0} % below the optimal responses", 100.0 * (1.0 - here / optimum))
+            }
+            _ => format!("agrees: above the optimum ({:.2} times)", here / optimum),
+        }
+    }
+
+    /// Kernel SFA's support vectors and mean slowness at one image size, by their number.
+    fn curve(&self, image: (usize, usize), of: usize) -> Vec<(f64, f64)> {
+        let of_image = self.found.keys().filter(|(i, method)| *i == image && matches!(method, Method::Kernel(_)));
+        let point = |&(image, method): &((usize, usize), Method)| {
+            let vectors = self.band(image, method, |outcome| Some(outcome.support_vectors? as f64))?.mean;
+            Some((vectors, self.mean(image, method, of)?))
+        };
+        of_image.filter_map(point).collect()
+    }
+
+    /// The thesis's sentences about its figures, and what becomes of them here.
+    fn claims(&self) -> Table {
+        let of = self.judged();
+        let mut table = Table::new(
+            format!("What the thesis says of its figures, by the mean of the first {of} features"),
+            &["thesis: claim", "thesis: value", "here"],
+        );
+        let small = self.curve(IMAGES[0], of);
+        let linear = self.mean(IMAGES[0], Method::Linear, of);
+        let crossing = linear.and_then(|linear| crossing(&small, linear));
+        let verdict = match crossing {
+            Some(vectors) if (vectors / LIKE_LINEAR as f64).ln().abs() < 2f64.ln() => "agrees within a factor of 2",
+            Some(_) => "differs by more than a factor of 2",
+            None if linear.is_some_and(|linear| small.iter().all(|point| point.1 < linear)) => {
+                "differs: below linear SFA from the fewest on"
+            }
+            None => "differs: not reached",
+        };
+        table.push(
+            vec![
+                Cell::text("as slow as linear SFA with so many support vectors"),
+                Cell::count(LIKE_LINEAR),
+                Cell::maybe(crossing, 0),
+            ],
+            verdict,
+        );
+        let falls = small.windows(2).filter(|pair| pair[1].1 < pair[0].1).count();
+        let steps = small.len().saturating_sub(1);
+        table.push(
+            vec![
+                Cell::text("slowness falls with each larger set"),
+                Cell::text("always"),
+                Cell::text(format!("{falls} of {steps} steps")),
+            ],
+            if falls == steps { "agrees" } else { "differs" },
+        );
+        let optimum = self.mean(IMAGES[0], Method::Optimal, of);
+        let left = small.last().zip(optimum).map(|(last, optimum)| last.1 / optimum);
+        table.push(
+            vec![
+                Cell::text("slowness of the largest set, over that of the optimal responses"),
+                Cell::text("towards 1"),
+                Cell::maybe(left, 2),
+            ],
+            match left {
+                Some(left) if left < 0.98 => "differs: below the optimal responses of this walk",
+                Some(left) if left < 1.25 => "agrees: within a quarter",
+                Some(_) => "agrees in the direction; not within a quarter",
+                None => "cannot be told",
+            },
+        );
+        let large = self.curve(IMAGES[1], of);
+        let worse =
+            large.iter().filter_map(|&(vectors, slowness)| Some(slowness > at(&small, vectors)?)).collect::<Vec<_>>();
+        let count = worse.iter().filter(|worse| **worse).count();
+        table.push(
+            vec![
+                Cell::text("64 × 32 pixels are faster (worse) at equal numbers"),
+                Cell::text("always"),
+                Cell::text(format!("{count} of {}", worse.len())),
+            ],
+            match (count, worse.len()) {
+                (_, 0) => "cannot be told",
+                (count, all) if count == all => "agrees",
+                (0, _) => "differs: they are slower (better)",
+                _ => "differs in part",
+            },
+        );
+        table
+    }
+
+    fn plots(&self) -> Result<Vec<(String, String)>, ExperimentError> {
+        let mut curves = Vec::new();
+        let mut all = Vec::new();
+        let ends = (
+            self.curve(IMAGES[0], 1).first().map_or(100.0, |point| point.0),
+            self.curve(IMAGES[0], 1).last().map_or(8000.0, |point| point.0),
+        );
+        for (colour, of) in [10, 30, 60].into_iter().enumerate() {
+            for (number, image) in IMAGES.into_iter().enumerate() {
+                let methods =
+                    self.found.keys().filter(|(i, method)| *i == image && matches!(method, Method::Kernel(_)));
+                let points = methods.filter_map(|&(image, method)| {
+                    let vectors = self.band(image, method, |outcome| Some(outcome.support_vectors? as f64))?.mean;
+                    Some((vectors, self.band(image, method, |outcome| outcome.mean(of))))
+                });
+                let line = Line::new(format!("{of} features, {} × {}", image.0, image.1), colour, points);
+                if !line.points.is_empty() {
+                    curves.push(if number == 0 { line } else { Line { colour: colour + 3, ..line } });
+                }
+            }
+            for (method, what) in [(Method::Linear, "linear SFA"), (Method::Optimal, "optimal")] {
+                if let Some(level) = self.mean(IMAGES[0], method, of) {
+                    curves.push(Line::level(format!("{of} features, {what}"), colour, ends, level));
+                }
+            }
+        }
+        for (number, (&(image, method), outcomes)) in
+            self.found.iter().filter(|((image, _), _)| *image == IMAGES[0]).enumerate()
+        {
+            let most = outcomes.iter().map(|outcome| outcome.slowness.len()).min().unwrap_or(0);
+            let points = (0..most).map(|i| {
+                (i as f64 + 1.0, Band::of(&outcomes.iter().map(|outcome| outcome.slowness[i]).collect::<Vec<_>>()))
+            });
+            let vectors = self.band(image, method, |outcome| Some(outcome.support_vectors? as f64));
+            let name = vectors.map_or(name(method), |vectors| format!("{:.0} vectors", vectors.mean));
+            let line = Line::new(name, number, points);
+            all.push(if matches!(method, Method::Kernel(_)) { line } else { line.dashed() });
+        }
+        let vectors = Scale::new("support vectors").log();
+        let slowness = Scale::new("slowness Δ, 1/s²").log();
+        Ok(vec![
+            (
+                "vectors.svg".into(),
+                chart("Mean slowness by number of support vectors", (&vectors, &slowness), &curves)?,
+            ),
+            (
+                "features.svg".into(),
+                chart("Slowness of each feature, 32 × 16 pixels", (&Scale::new("feature"), &slowness), &all)?,
+            ),
+        ])
+    }
+}
+
+/// The number of support vectors at which a falling curve comes down to a level, between the points on both sides, on
+/// logarithmic scales.
+fn crossing(curve: &[(f64, f64)], level: f64) -> Option<f64> {
+    let pair = curve.windows(2).find(|pair| pair[0].1 >= level && pair[1].1 < level)?;
+    let share = (pair[0].1 / level).ln() / (pair[0].1 / pair[1].1).ln();
+    Some((pair[0].0.ln() + share * (pair[1].0 / pair[0].0).ln()).exp())
+}
+
+/// A curve's value at a number of support vectors, on logarithmic scales; none outside of it.
+fn at(curve: &[(f64, f64)], vectors: f64) -> Option<f64> {
+    let pair = curve.windows(2).find(|pair| pair[0].0 <= vectors && vectors <= pair[1].0)?;
+    let share = (vectors / pair[0].0).ln() / (pair[1].0 / pair[0].0).ln();
+    Some((pair[0].1.ln() + share * (pair[1].1 / pair[0].1).ln()).exp())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn curves_are_read_between_their_points() {
+        let curve = [(100.0, 4.0), (400.0, 1.0)];
+        assert!((crossing(&curve, 2.0).unwrap() - 200.0).abs() < 1e-9);
+        assert!((at(&curve, 200.0).unwrap() - 2.0).abs() < 1e-9);
+        assert_eq!((crossing(&curve, 0.5), at(&curve, 500.0)), (None, None));
+    }
+}

@@ -1,0 +1,216 @@
+//! `trajectories`: single ways to both goals (thesis §5.3.4, figure *robotest*).
+//!
+//! The thesis let its real robot drive 20 test trajectories with 128 slow features; about 80 % arrived. Here the simulated
+//! robot drives from 20 random starts to each goal.
+
+use serde::{Deserialize, Serialize};
+
+use super::lab::{FRAMES, Lab, TRANSITIONS};
+use super::maps::{Way, rooms};
+use super::trained::{Iteration, Sampled, Trained, Training, train, trips};
+use super::{Band, Bench, Cell, Experiment, ExperimentError, Once, Results, Sizes, Table};
+use crate::evaluate::Evaluator;
+use crate::world::Pose;
+
+/// The experiment.
+pub const EXPERIMENT: Experiment = Experiment {
+    name: "trajectories",
+    line: "single trajectories to both goals, with 128 slow features (figure robotest)",
+    lasts: Sizes { full: "about half an hour", quick: "2 min", smoke: "seconds" },
+    run,
+};
+
+/// Actions of the walk, transitions out of it, support vectors (the thesis had 7973).
+const TRAINING: Sizes<(usize, usize, usize)> =
+    Sizes { full: (FRAMES - 1, TRANSITIONS, 8000), quick: (12_000, 6000, 1000), smoke: (600, 400, 60) };
+/// Features, the constant included (thesis §5.3.4).
+const FEATURES: Sizes<usize> = Sizes { full: 128, quick: 128, smoke: 20 };
+/// Trajectories for each goal.
+const STARTS: Sizes<usize> = Sizes { full: 20, quick: 20, smoke: 4 };
+/// The share that arrived in the thesis.
+const ARRIVED: f64 = 0.8;
+
+#[derive(Serialize)]
+struct Settings {
+    training: Training,
+    transitions: usize,
+    starts: usize,
+    task: String,
+    iteration: Iteration,
+}
+
+/// A trajectory: coordinates are metres and radians.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Trajectory {
+    /// x, y and heading, the start first.
+    pub poses: Vec<[f64; 3]>,
+    /// Whether it arrived.
+    pub arrived: bool,
+    /// The optimal number of steps.
+    pub optimal: Option<usize>,
+}
+
+impl Trajectory {
+    fn steps(&self) -> Option<usize> {
+        self.arrived.then(|| self.poses.len() - 1)
+    }
+}
+
+/// The trajectories of one goal and iteration, for one seed.
+struct Driven {
+    seed: u64,
+    task: usize,
+    iteration: Iteration,
+    trajectories: Vec<Trajectory>,
+}
+
+fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
+    let scope = bench.scope;
+    let ((actions, transitions, vectors), features) = (scope.pick(TRAINING), scope.pick(FEATURES));
+    let starts = scope.pick(STARTS);
+    let mut driven = Vec::new();
+    let first = Lab::new(*scope.seeds.start(), &[])?;
+    bench.plan(scope.seeds.clone().count() * first.scenario.tasks.len() * Iteration::ALL.len());
+    for seed in scope.seeds.clone() {
+        let lab = Lab::new(seed, &[])?;
+        let training = Training::new(&lab, actions, vectors, features - 1);
+        let (trained, sampled, evaluator) = (Once::<Trained<'_>>::default(), Once::default(), Once::default());
+        for (task, goal) in lab.scenario.tasks.iter().enumerate() {
+            for iteration in Iteration::ALL {
+                let settings =
+                    Settings { training: training.clone(), transitions, starts, task: goal.name.clone(), iteration };
+                let label = format!("{}, {}, seed {seed}", goal.name, iteration.name());
+                let trajectories: Vec<Trajectory> = bench.result(&label, &settings, || {
+                    let trained = trained.get(|| train(&lab, &training, bench))?;
+                    let sampled = sampled.get(|| Sampled::new(trained, transitions, bench))?;
+                    let evaluator = evaluator.get(|| {
+                        let (scenario, world) = (lab.scenario.clone(), lab.world.clone());
+                        Ok::<_, ExperimentError>(Evaluator::new(scenario, world, starts, seed))
+                    })?;
+                    let fit = sampled.fit(features, task, iteration)?;
+                    let trips = trips(&trained.model, &fit, (evaluator, task), iteration.reflexes(&lab))?;
+                    let rounded = |value: f64| (1e4 * value).round() / 1e4;
+                    let numbers = |pose: &Pose| [pose.position.x, pose.position.y, pose.heading].map(rounded);
+                    Ok(trips
+                        .into_iter()
+                        .map(|trip| Trajectory {
+                            poses: trip.poses.iter().map(numbers).collect(),
+                            arrived: trip.arrived,
+                            optimal: trip.optimal,
+                        })
+                        .collect())
+                })?;
+                driven.push(Driven { seed, task, iteration, trajectories });
+            }
+        }
+    }
+    Ok(Results {
+        tables: vec![summary(&first, &driven), single(&first, &driven, *scope.seeds.start())],
+        notes: vec![
+            format!(
+                "{starts} random starts for each goal, {features} features, {transitions} transitions, about {vectors} support \
+                 vectors; a trajectory is given up after {} steps.",
+                first.scenario.evaluate.max_steps
+            ),
+            "The thesis's 20 trajectories were driven by a real robot, with people, reflections and other light in the images: \
+             that ours arrive more often says little about the method."
+                .into(),
+        ],
+        plots: plots(&first, &driven, *scope.seeds.start()),
+    })
+}
+
+fn summary(lab: &Lab, driven: &[Driven]) -> Table {
+    let columns = ["goal", "iteration", "arrived", "steps", "optimal", "longest", "thesis: arrived"];
+    let mut table = Table::new("Trajectories that arrived", &columns);
+    for (task, goal) in lab.scenario.tasks.iter().enumerate() {
+        for iteration in Iteration::ALL {
+            let of = driven.iter().filter(|driven| (driven.task, driven.iteration) == (task, iteration));
+            let (mut share, mut steps, mut optimal, mut longest) = (vec![], vec![], vec![], 0);
+            for driven in of {
+                let arrived: Vec<usize> = driven.trajectories.iter().filter_map(Trajectory::steps).collect();
+                share.push(arrived.len() as f64 / driven.trajectories.len() as f64);
+                longest = arrived.iter().copied().chain([longest]).max().unwrap_or(0);
+                let mean = |values: &[usize]| values.iter().sum::<usize>() as f64 / values.len() as f64;
+                if !arrived.is_empty() {
+                    steps.push(mean(&arrived));
+                }
+                let best: Vec<usize> = driven.trajectories.iter().filter_map(|trajectory| trajectory.optimal).collect();
+                if !best.is_empty() {
+                    optimal.push(mean(&best));
+                }
+            }
+            let share = Band::of(&share);
+            let says = match share {
+                Some(band) if band.mean > ARRIVED + 0.1 => "differs: more arrive than of the real robot's",
+                Some(band) if band.mean < ARRIVED - 0.1 => "differs: fewer arrive",
+                _ => "agrees",
+            };
+            let cells = vec![
+                Cell::text(&goal.name),
+                Cell::text(iteration.name()),
+                Cell::band(share, 2),
+                Cell::band(Band::of(&steps), 1),
+                Cell::band(Band::of(&optimal), 1),
+                Cell::count(longest),
+                Cell::text("about 0.8 of 20 (robot)"),
+            ];
+            table.push(cells, if iteration == Iteration::Ours { "not in the thesis" } else { says });
+        }
+    }
+    table
+}
+
+fn single(lab: &Lab, driven: &[Driven], seed: u64) -> Table {
+    let columns = ["goal", "start x, m", "start y, m", "heading, °", "optimal", "the thesis's LSPI", "ours"];
+    let mut table = Table::new(format!("Steps of each trajectory, seed {seed}"), &columns);
+    for (task, goal) in lab.scenario.tasks.iter().enumerate() {
+        let of = |iteration: Iteration| {
+            driven.iter().find(|driven| (driven.seed, driven.task, driven.iteration) == (seed, task, iteration))
+        };
+        let (Some(thesis), Some(ours)) = (of(Iteration::Thesis), of(Iteration::Ours)) else { continue };
+        for (plain, ours) in thesis.trajectories.iter().zip(&ours.trajectories) {
+            let Some([x, y, heading]) = plain.poses.first() else { continue };
+            let steps = |trajectory: &Trajectory| trajectory.steps().map_or(Cell::text("not arrived"), Cell::count);
+            table.push(
+                vec![
+                    Cell::text(&goal.name),
+                    Cell::Number(*x, 2),
+                    Cell::Number(*y, 2),
+                    Cell::Number(heading.to_degrees(), 0),
+                    Cell::maybe(plain.optimal.map(|steps| steps as f64), 0),
+                    steps(plain),
+                    steps(ours),
+                ],
+                "no counterpart",
+            );
+        }
+    }
+    table
+}
+
+fn plots(lab: &Lab, driven: &[Driven], seed: u64) -> Vec<(String, String)> {
+    let plot = |iteration: Iteration| {
+        let of: Vec<(&Driven, Vec<Vec<Pose>>)> = driven
+            .iter()
+            .filter(|driven| driven.seed == seed && driven.iteration == iteration)
+            .map(|driven| {
+                let pose = |&[x, y, heading]: &[f64; 3]| Pose::new([x, y].into(), heading);
+                (driven, driven.trajectories.iter().map(|t| t.poses.iter().map(pose).collect()).collect())
+            })
+            .collect();
+        let sketches: Vec<_> = of
+            .iter()
+            .map(|(driven, poses)| {
+                let ways = driven.trajectories.iter().zip(poses);
+                let ways: Vec<Way<'_>> = ways.map(|(t, poses)| Way { poses, steps: t.steps() }).collect();
+                let arrived = ways.iter().filter(|way| way.steps.is_some()).count();
+                let task = lab.task(driven.task);
+                (task, format!("{}: {arrived} of {} arrive", task.name, ways.len()), ways)
+            })
+            .collect();
+        rooms(&format!("Trajectories, {}", iteration.name()), lab, &sketches)
+    };
+    let name = |iteration| if iteration == Iteration::Thesis { "thesis.svg" } else { "ours.svg" };
+    Iteration::ALL.into_iter().map(|iteration| (name(iteration).to_owned(), plot(iteration))).collect()
+}

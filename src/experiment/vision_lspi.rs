@@ -1,0 +1,200 @@
+//! `vision-lspi`: policy iteration over slow features of the camera's images (thesis §5.3.4, figure *pi_nf_sim*).
+//!
+//! The same as `pose-lspi` with the whole training set and the goal in the centre, but the features are the constant and the
+//! `d − 1` slowest of kernel SFA on the video of the same walk. First policy: all actions alike.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use super::lab::{FRAMES, Lab, TRANSITIONS};
+use super::plot::{Line, Scale, chart};
+use super::quality::{Quality, reference_trips};
+use super::trained::{Iteration, Sampled, Trained, Training, quality, train};
+use super::{Band, Bench, Cell, Experiment, ExperimentError, Once, Results, Sizes, Table};
+use crate::evaluate::{Evaluator, Trip};
+
+/// The experiment.
+pub const EXPERIMENT: Experiment = Experiment {
+    name: "vision-lspi",
+    line: "LSPI over slow features of the camera's images, by their number (figure pi_nf_sim)",
+    lasts: Sizes { full: "about half an hour", quick: "3 min", smoke: "seconds" },
+    run,
+};
+
+const TASK: &str = "centre";
+/// Actions of the walk, transitions out of it, support vectors (the thesis had 8064).
+const TRAINING: Sizes<(usize, usize, usize)> =
+    Sizes { full: (FRAMES - 1, TRANSITIONS, 8000), quick: (12_000, 6000, 1000), smoke: (600, 400, 60) };
+/// Numbers of features `d`.
+const FEATURES: Sizes<&[usize]> =
+    Sizes { full: &[10, 20, 40, 80, 128, 200, 300, 400, 500], quick: &[10, 20, 40, 80, 128, 200], smoke: &[10, 20] };
+/// Random starts (the thesis had 200).
+const STARTS: Sizes<usize> = Sizes { full: 200, quick: 200, smoke: 10 };
+/// From so many features on, the thesis's policies work (§5.3.4), with these steps more than the reference policy.
+const REGIME: usize = 80;
+const MORE: (f64, f64) = (2.0, 3.0);
+
+#[derive(Serialize)]
+struct Settings {
+    training: Training,
+    transitions: usize,
+    task: &'static str,
+    starts: usize,
+    features: usize,
+}
+
+/// What came of a setting.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Outcome {
+    /// Support vectors.
+    pub support_vectors: usize,
+    /// Policies, in the order of [`Iteration::ALL`].
+    pub policies: Vec<Policy>,
+}
+
+/// A policy, and how it was found.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Policy {
+    /// Whether policy iteration settled.
+    pub converged: bool,
+    /// What its trips came to.
+    pub quality: Quality,
+}
+
+struct Prepared {
+    evaluator: Evaluator,
+    reference: Vec<Trip>,
+}
+
+/// By number of features and iteration, one policy for each seed.
+type Found = BTreeMap<(usize, Iteration), Vec<Policy>>;
+
+fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
+    let scope = bench.scope;
+    let ((actions, transitions, vectors), features) = (scope.pick(TRAINING), scope.pick(FEATURES));
+    let starts = scope.pick(STARTS);
+    bench.plan(scope.seeds.clone().count() * features.len());
+    let most = features.iter().copied().max().unwrap_or(2);
+    let (mut found, mut sizes) = (Found::new(), Vec::new());
+    let mut gamma = 0.0;
+    for seed in scope.seeds.clone() {
+        let lab = Lab::new(seed, &[])?;
+        gamma = lab.scenario.value.gamma;
+        let task = lab.task_number(TASK).unwrap_or(0);
+        let training = Training::new(&lab, actions, vectors, most - 1);
+        let (trained, sampled, prepared) = (Once::<Trained<'_>>::default(), Once::default(), Once::default());
+        for &d in features {
+            let settings = Settings { training: training.clone(), transitions, task: TASK, starts, features: d };
+            let outcome: Outcome = bench.result(&format!("{d} features, seed {seed}"), &settings, || {
+                let trained = trained.get(|| train(&lab, &training, bench))?;
+                let sampled = sampled.get(|| Sampled::new(trained, transitions, bench))?;
+                let Prepared { evaluator, reference } = prepared.get(|| {
+                    let evaluator = Evaluator::new(lab.scenario.clone(), lab.world.clone(), starts, seed);
+                    let reference = reference_trips(&lab, &evaluator, task);
+                    Ok::<_, ExperimentError>(Prepared { evaluator, reference })
+                })?;
+                let policy = |iteration: Iteration| {
+                    bench.go_on()?;
+                    let fit = sampled.fit(d, task, iteration)?;
+                    let quality = quality(trained, &fit, (evaluator, task), iteration.reflexes(&lab), reference)?;
+                    Ok::<_, ExperimentError>(Policy { converged: fit.converged, quality })
+                };
+                let policies: Result<Vec<Policy>, _> = Iteration::ALL.into_iter().map(policy).collect();
+                Ok(Outcome { support_vectors: trained.model.members.ncols(), policies: policies? })
+            })?;
+            for (iteration, policy) in Iteration::ALL.into_iter().zip(outcome.policies) {
+                found.entry((d, iteration)).or_default().push(policy);
+            }
+            sizes.push(outcome.support_vectors as f64);
+        }
+    }
+    let sizes = Band::of(&sizes).map_or(0.0, |band| band.mean);
+    Ok(Results {
+        tables: vec![table(&found, gamma)],
+        notes: vec![
+            format!(
+                "Goal {TASK}, γ = {gamma}, {starts} random starts, {transitions} transitions out of a walk of {actions} actions, \
+                 {sizes:.0} support vectors (thesis: 8064 and 11 656 transitions out of 35 128 frames)."
+            ),
+            "More than the reference: log_γ of the mean of γ^(steps − steps of the reference policy), as in the thesis. Quality: \
+             against the optimal number of steps."
+                .into(),
+        ],
+        plots: plots(&found)?,
+    })
+}
+
+fn band(policies: &[Policy], of: impl Fn(&Quality) -> Option<f64>) -> Option<Band> {
+    Band::of(&policies.iter().filter_map(|policy| of(&policy.quality)).collect::<Vec<_>>())
+}
+
+fn table(found: &Found, gamma: f64) -> Table {
+    let columns = [
+        "features",
+        "iteration",
+        "settled",
+        "success",
+        "steps",
+        "extra",
+        "quality",
+        "more than the reference",
+        "thesis: more than the reference",
+    ];
+    let mut table = Table::new("Policies over slow features, by their number", &columns);
+    for (&(d, iteration), policies) in found {
+        let settled = policies.iter().filter(|policy| policy.converged).count() as f64 / policies.len() as f64;
+        let mean = band(policies, |quality| Some(quality.to_reference)).map_or(0.0, |band| band.mean);
+        let more = (mean > 0.0).then(|| mean.ln() / gamma.ln());
+        let works = d >= REGIME && iteration == Iteration::Thesis;
+        let cells = vec![
+            Cell::count(d),
+            Cell::text(iteration.name()),
+            Cell::Number(settled, 2),
+            Cell::band(band(policies, |quality| Some(quality.success)), 3),
+            Cell::band(band(policies, |quality| quality.steps), 2),
+            Cell::band(band(policies, |quality| quality.extra), 2),
+            Cell::band(band(policies, |quality| Some(quality.quality)), 3),
+            Cell::maybe(more, 2),
+            if works { Cell::text("2 to 3") } else { Cell::Empty },
+        ];
+        table.push(cells, says(d, iteration, more));
+    }
+    table
+}
+
+fn says(d: usize, iteration: Iteration, more: Option<f64>) -> String {
+    if iteration == Iteration::Ours {
+        return "not in the thesis".into();
+    }
+    match (d >= REGIME, more) {
+        (true, Some(more)) if more < MORE.0 => format!("differs: better by {:.1} steps", MORE.0 - more),
+        (true, Some(more)) if more <= MORE.1 => "agrees".into(),
+        (true, Some(more)) => format!("differs: worse by {:.1} steps", more - MORE.1),
+        (true, None) => "differs: no start arrives".into(),
+        (false, Some(more)) if more <= MORE.1 => "differs: works with fewer features than in the thesis".into(),
+        (false, _) => "agrees: too few features".into(),
+    }
+}
+
+fn plots(found: &Found) -> Result<Vec<(String, String)>, ExperimentError> {
+    let lines = |of: &dyn Fn(&Quality) -> Option<f64>| {
+        let line = |(colour, iteration): (usize, Iteration)| {
+            let points = found.iter().filter(|((_, i), _)| *i == iteration);
+            Line::new(iteration.name(), colour, points.map(|(&(d, _), policies)| (d as f64, band(policies, of))))
+        };
+        Iteration::ALL.into_iter().enumerate().map(line).collect::<Vec<_>>()
+    };
+    let x = Scale::new("features d").log();
+    let quality = chart(
+        "Convergence quality against the optimum, by number of slow features",
+        (&x, &Scale::new("convergence quality C").within(0.0, 1.0)),
+        &lines(&|quality| Some(quality.quality)),
+    )?;
+    let more = chart(
+        "Steps more than the reference policy, by number of slow features",
+        (&x, &Scale::new("log_γ C against the reference").within(-1.5, 8.0)),
+        &lines(&|quality| quality.more_than_reference),
+    )?;
+    Ok(vec![("quality.svg".into(), quality), ("steps.svg".into(), more)])
+}
