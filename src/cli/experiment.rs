@@ -30,6 +30,7 @@ pub fn experiment(args: &ExperimentArgs, stop: &AtomicBool) -> Ending {
     let folder = Path::new(EXPERIMENTS).join(name);
     let scope = Scope {
         size,
+        vectors: args.vectors,
         seeds: args.seeds.clone(),
         par: args
             .threads
@@ -83,6 +84,12 @@ fn next(folder: &Path) -> PathBuf {
         }
         number += 1;
     }
+}
+
+/// A number of support vectors.
+pub fn vectors(text: &str) -> Result<usize, String> {
+    let number: usize = text.parse().map_err(|error| format!("{text:?} is no number: {error}"))?;
+    if (20..=20_000).contains(&number) { Ok(number) } else { Err(format!("{number} is not within 20 to 20 000")) }
 }
 
 /// Seeds from `A..B`, both included, or one seed.

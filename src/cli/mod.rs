@@ -294,6 +294,9 @@ pub struct ExperimentArgs {
     /// Only see that everything runs, in seconds: the numbers mean nothing.
     #[arg(long, conflicts_with = "quick")]
     pub smoke: bool,
+    /// Support vectors in place of the size's own number; the most of them, where an experiment has several.
+    #[arg(long, value_name = "N", value_parser = experiment::vectors)]
+    pub vectors: Option<usize>,
     /// Seeds from A to B, both included: bands over them; or one seed.
     #[arg(long, value_name = "A..B", default_value = "11", value_parser = experiment::seeds)]
     pub seeds: std::ops::RangeInclusive<u64>,

@@ -42,6 +42,9 @@ pub struct Sizes<T> {
 pub struct Scope {
     /// How much.
     pub size: Size,
+    /// Support vectors in place of the size's own number, where an experiment has one; the most of them, where it has
+    /// several.
+    pub vectors: Option<usize>,
     /// Seeds; more than one give bands.
     pub seeds: RangeInclusive<u64>,
     /// Threads for matrix products; results do not depend on them.
@@ -55,6 +58,18 @@ pub struct Scope {
 }
 
 impl Scope {
+    /// How many support vectors, if the size's own number is `sized`.
+    pub fn vectors_or(&self, sized: usize) -> usize {
+        self.vectors.unwrap_or(sized)
+    }
+
+    /// Those of the size's own numbers of support vectors that are asked for; the number itself, if all are larger.
+    pub fn vectors_up_to(&self, sized: &[usize]) -> Vec<usize> {
+        let Some(most) = self.vectors else { return sized.to_vec() };
+        let up_to: Vec<usize> = sized.iter().copied().filter(|&number| number <= most).collect();
+        if up_to.is_empty() { vec![most] } else { up_to }
+    }
+
     /// The value for this scope's size.
     pub fn pick<T>(&self, sizes: Sizes<T>) -> T {
         match self.size {
@@ -240,6 +255,7 @@ pub fn run(experiment: &Experiment, scope: &Scope, stop: &AtomicBool) -> Result<
         "experiment": experiment.name,
         "program": Program::this(),
         "size": scope.size,
+        "vectors": scope.vectors,
         "seeds": { "first": seeds.0, "last": seeds.1 },
         "band": BAND,
         "seconds": begin.elapsed().as_secs_f64(),

@@ -198,6 +198,7 @@ fn text(size: u32) -> TextStyle<'static> {
 fn draw(area: &Area<'_>, (x, y): (&Drawn<'_>, &Drawn<'_>), lines: &[Line]) -> Result<(), DrawError> {
     let mut chart = ChartBuilder::on(area)
         .margin_right(10)
+        .margin_left(12)
         .x_label_area_size(44)
         .y_label_area_size(64)
         .build_cartesian_2d(x.clone(), y.clone())?;

@@ -205,7 +205,7 @@ fn overlap(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Result<(f64, f64), Experim
 fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     let scope = bench.scope;
     let (actions, vectors) = scope.pick(TRAINING);
-    let places = scope.pick(PLACES);
+    let (vectors, places) = (scope.vectors_or(vectors), scope.pick(PLACES));
     bench.plan(scope.seeds.clone().count());
     let mut outcomes: Vec<Outcome> = Vec::new();
     let first = Lab::new(*scope.seeds.start(), &[])?;
@@ -222,7 +222,7 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
         notes: vec![
             format!(
                 "Test maps: {HEADINGS} headings at {} × {} places, a camera without noise; {} support vectors (thesis: 8064), \
-                 {} frames.",
+                 {} frames (thesis: 35 128).",
                 places.width,
                 places.height,
                 one.support_vectors,
@@ -383,9 +383,11 @@ fn plots(outcome: &Outcome, lab: &Lab, outcomes: &[Outcome]) -> Result<Vec<(Stri
     let mut matched: Vec<Vec<Map>> = Vec::new();
     for (i, (found, values)) in outcome.single.iter().zip(&features).enumerate().take(3) {
         let all = |name: &str, values: &[f64]| {
-            (0..HEADINGS).map(|h| map(format!("{name}, {}", degrees(h)), values, h)).collect::<Vec<_>>()
+            // The name has room above the first map of a line only.
+            let head = |h: usize| if h == 0 { name.to_owned() } else { degrees(h) };
+            (0..HEADINGS).map(|h| map(head(h), values, h)).collect::<Vec<_>>()
         };
-        matched.push(all(&format!("feature {}", i + 1), values));
+        matched.push(all(&format!("feature {}, 0°", i + 1), values));
         let ([one, other], [a, b], _) = found.pair;
         let (one_values, other_values) = (response(one), response(other));
         let mixture: Vec<f64> = one_values.iter().zip(&other_values).map(|(x, y)| a * x + b * y).collect();

@@ -225,7 +225,8 @@ type Found = BTreeMap<(usize, Rule), Vec<Outcome>>;
 
 fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     let scope = bench.scope;
-    let ((actions, transitions), numbers) = (scope.pick(WALK), scope.pick(VECTORS));
+    let (actions, transitions) = scope.pick(WALK);
+    let numbers = scope.vectors_up_to(scope.pick(VECTORS));
     let (features, starts) = scope.pick(FEATURES);
     bench.plan(scope.seeds.clone().count() * numbers.len() * Rule::ALL.len());
     let mut found = Found::new();
@@ -234,12 +235,12 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     for seed in scope.seeds.clone() {
         let lab = Lab::new(seed, &[])?;
         let prepared = Once::default();
-        for &vectors in numbers {
+        for &vectors in &numbers {
             for rule in Rule::ALL {
                 let training = Training::new(&lab, actions, vectors, features - 1);
                 let settings = Settings { training, rule, transitions, starts, judging: JUDGING };
                 let outcome = bench.result(&format!("{vectors} by {}, seed {seed}", rule.name()), &settings, || {
-                    let prepared = prepared.get(|| prepare(&lab, &settings.training, numbers, starts, bench))?;
+                    let prepared = prepared.get(|| prepare(&lab, &settings.training, &numbers, starts, bench))?;
                     compute(prepared, &settings, bench)
                 })?;
                 found.entry((vectors, rule)).or_default().push(outcome);

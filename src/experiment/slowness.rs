@@ -123,9 +123,10 @@ type Found = BTreeMap<((usize, usize), Method), Vec<Outcome>>;
 fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     let scope = bench.scope;
     let (frames, features) = (scope.pick(WALK), scope.pick(FEATURES));
+    let vectors = scope.vectors_up_to(scope.pick(VECTORS));
     let mut methods: Vec<((usize, usize), Method)> = vec![(IMAGES[0], Method::Optimal), (IMAGES[0], Method::Linear)];
     for image in IMAGES {
-        methods.extend(scope.pick(VECTORS).iter().map(|&target| (image, Method::Kernel(target))));
+        methods.extend(vectors.iter().map(|&target| (image, Method::Kernel(target))));
     }
     bench.plan(scope.seeds.clone().count() * methods.len());
     let mut found = Found::new();

@@ -67,7 +67,7 @@ struct Driven {
 fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     let scope = bench.scope;
     let ((actions, transitions, vectors), features) = (scope.pick(TRAINING), scope.pick(FEATURES));
-    let starts = scope.pick(STARTS);
+    let (vectors, starts) = (scope.vectors_or(vectors), scope.pick(STARTS));
     let mut driven = Vec::new();
     let first = Lab::new(*scope.seeds.start(), &[])?;
     bench.plan(scope.seeds.clone().count() * first.scenario.tasks.len() * Iteration::ALL.len());

@@ -73,7 +73,7 @@ type Found = BTreeMap<(usize, Iteration), Vec<Policy>>;
 fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     let scope = bench.scope;
     let ((actions, transitions, vectors), features) = (scope.pick(TRAINING), scope.pick(FEATURES));
-    let starts = scope.pick(STARTS);
+    let (vectors, starts) = (scope.vectors_or(vectors), scope.pick(STARTS));
     bench.plan(scope.seeds.clone().count() * features.len());
     let most = features.iter().copied().max().unwrap_or(2);
     let (mut found, mut sizes) = (Found::new(), Vec::new());
