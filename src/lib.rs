@@ -60,9 +60,8 @@
 //! | §4.3 algorithms | [`slow`] |
 //! | §6 outlook | [`value::LspiOptions`], [`value::Smoothing`] |
 //!
-//! Three tutorials stand in `examples/`: `wiskott` (a slow signal hidden in fast ones), `chain_walk` (policy iteration and
-//! how it can fail), `place_cells` (from a video to place cells); and one measurement, `outlook` (whether the ideas of the
-//! thesis's outlook help policy iteration).
+//! Two tutorials stand in `examples/`: `wiskott` (a slow signal hidden in fast ones) and `chain_walk` (policy iteration and
+//! how it can fail); and one measurement, `outlook` (whether the ideas of the thesis's outlook help policy iteration).
 //!
 //! # Slow features of a stream, without any robot
 //!

@@ -4,7 +4,8 @@ mod common;
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
-use std::process::Output;
+use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
 
 use common::{adagio, stderr, stdout};
 use serde_json::Value;
@@ -50,7 +51,9 @@ fn experiments_are_listed_and_an_unknown_one_is_refused() {
     let unknown = adagio(folder.path(), &["experiment", "pose-lpsi"]);
     assert_eq!(unknown.status.code(), Some(2));
     assert!(stderr(&unknown).contains("slowness, ") && stderr(&unknown).contains("did you mean pose-lspi?"));
-    assert_eq!(adagio(folder.path(), &["experiment", "slowness", "--seeds", "5..3"]).status.code(), Some(2));
+    for wrong in [["--seeds", "5..3"], ["--vectors", "7"], ["--threads", "0"]] {
+        assert_eq!(adagio(folder.path(), &[&["experiment", "slowness"], &wrong[..]].concat()).status.code(), Some(2));
+    }
     assert!(files(folder.path()).is_empty(), "nothing is left behind");
 }
 
@@ -178,6 +181,40 @@ fn settings_are_taken_from_the_cache_only_if_they_are_the_same_and_whole() {
     let mut all = Vec::new();
     numbers(&tables, &mut all);
     assert!(all.len() > 50 && all.iter().all(|number| number.is_finite()));
+}
+
+#[test]
+fn an_experiment_that_is_stopped_keeps_what_is_done_and_goes_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let cache = folder.path().join("experiments/pose-lspi/cache");
+    let interrupted = |files_before: usize| {
+        let child = Command::new(env!("CARGO_BIN_EXE_adagio"))
+            .current_dir(folder.path())
+            .args(["experiment", "pose-lspi", "--quick"])
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let begin = Instant::now();
+        while !cache.is_dir() || files(&cache).len() <= files_before {
+            assert!(begin.elapsed() < Duration::from_secs(300), "no setting was finished");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+        child.wait_with_output().unwrap()
+    };
+    let first = interrupted(0);
+    assert_eq!(first.status.code(), Some(1), "{}", stderr(&first));
+    assert!(stderr(&first).contains("stopped; ") && stderr(&first).contains("finished settings are kept"));
+    assert!(first.stdout.is_empty());
+    let kept = files(&cache);
+    assert!(kept.iter().all(|path| path.extension().unwrap() == "json"), "{kept:?}");
+    // No folder of results that are not there.
+    assert_eq!(files(&folder.path().join("experiments/pose-lspi")), BTreeSet::from([cache.clone()]));
+    let second = interrupted(kept.len());
+    assert_eq!(second.status.code(), Some(1), "{}", stderr(&second));
+    assert_eq!(stderr(&second).matches("(kept").count(), kept.len(), "{}", stderr(&second));
+    assert!(files(&cache).is_superset(&kept));
 }
 
 #[test]

@@ -19,7 +19,12 @@ use crate::world::Pose;
 /// A pose drawn uniformly from all places that the robot can reach, except those that `refuse` names.
 ///
 /// A checked scenario leaves at least one cell of the plan outside of each goal, so the loop ends.
-fn draw_pose(plan: &Plan, cells: &[Point2<f64>], rng: &mut ChaCha8Rng, refuse: impl Fn(Point2<f64>) -> bool) -> Pose {
+pub(crate) fn draw_pose(
+    plan: &Plan,
+    cells: &[Point2<f64>],
+    rng: &mut ChaCha8Rng,
+    refuse: impl Fn(Point2<f64>) -> bool,
+) -> Pose {
     let half = 0.5 * Plan::CELL;
     loop {
         let offset = Vector2::new(rng.random_range(-half..=half), rng.random_range(-half..=half));

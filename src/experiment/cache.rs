@@ -14,6 +14,10 @@ use super::ExperimentError;
 use crate::report::Program;
 use crate::scenario::hex;
 
+/// Part of every hash: to be raised when the code gives other results for the same settings, so that what was kept before is
+/// not taken any more.
+const REVISION: u32 = 1;
+
 /// Digits of the settings' hash in a file's name.
 const DIGITS: usize = 16;
 
@@ -77,7 +81,7 @@ impl Cache {
         settings: &S,
         compute: impl FnOnce() -> Result<R, ExperimentError>,
     ) -> Result<Found<R>, ExperimentError> {
-        let key = hex(&Sha256::digest(serde_json::to_string(&(experiment, settings))?.as_bytes()));
+        let key = hex(&Sha256::digest(serde_json::to_string(&(experiment, REVISION, settings))?.as_bytes()));
         let plain: String = label.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
         let path = self.folder.join(format!("{plain}-{}.json", &key[..DIGITS]));
         let mut damaged = None;

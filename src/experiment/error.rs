@@ -11,6 +11,7 @@ use crate::policy::PolicyError;
 use crate::regression::RegressionError;
 use crate::scenario::ScenarioError;
 use crate::slow::SlowError;
+use crate::slow::coherence::CoherenceError;
 use crate::slow::ica::IcaError;
 use crate::slow::theory::TheoryError;
 use crate::value::ValueError;
@@ -90,6 +91,12 @@ pub enum ExperimentError {
     /// The library's part.
     #[error(transparent)]
     Ica(#[from] IcaError),
+    /// The library's part.
+    #[error(transparent)]
+    Coherence(#[from] CoherenceError),
+    /// A run of the agent.
+    #[error("a run of the agent failed: {0}")]
+    Run(String),
     /// A decomposition that did not converge.
     #[error("{0} did not converge")]
     Decomposition(&'static str),

@@ -12,6 +12,7 @@
 //! | [`vision_lspi`] | figure *pi_nf_sim* |
 //! | [`trajectories`] | figure *robotest* |
 //! | [`selection`] | §2.2.6; Böhmer et al. 2013 |
+//! | [`online`] | none: the stream against the thesis's and other methods |
 //! | [`place_cells`] | §4.2.3; Franzius et al. 2007 |
 
 mod band;
@@ -20,6 +21,7 @@ mod cache;
 mod error;
 mod lab;
 mod maps;
+pub mod online;
 mod pipeline;
 pub mod place_cells;
 mod plot;
@@ -47,6 +49,7 @@ pub const ALL: &[Experiment] = &[
     vision_lspi::EXPERIMENT,
     trajectories::EXPERIMENT,
     selection::EXPERIMENT,
+    online::EXPERIMENT,
     place_cells::EXPERIMENT,
 ];
 

@@ -12,7 +12,7 @@ pub type DrawError = DrawingAreaErrorKind<std::io::Error>;
 const INK: RGBColor = RGBColor(40, 44, 52);
 const GRID: RGBColor = RGBColor(228, 228, 228);
 /// Colours of lines, told apart by people who see few colours, too (Okabe & Ito).
-const COLOURS: [RGBColor; 7] = [
+const COLOURS: [RGBColor; 9] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
     RGBColor(0, 158, 115),
@@ -20,6 +20,8 @@ const COLOURS: [RGBColor; 7] = [
     RGBColor(86, 180, 233),
     RGBColor(150, 110, 0),
     RGBColor(90, 90, 90),
+    RGBColor(120, 30, 120),
+    RGBColor(30, 90, 40),
 ];
 const SIZE: (u32, u32) = (820, 440);
 /// Width of the legend at the right, pixels, and the letters that have room in a line of it.

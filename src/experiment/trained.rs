@@ -152,6 +152,13 @@ impl<'a> Sampled<'a> {
         Ok(Sampled { lab: trained.lab, walked: &trained.walked, transitions, phi, next })
     }
 
+    /// All transitions of a walk, by the features of its frames: `f × n`, the constant one first.
+    pub fn whole(lab: &'a Lab, walked: &'a Walked, frames: &Mat<f64>) -> Self {
+        let n = frames.ncols() - 1;
+        let (phi, next) = (frames.subcols(0, n).to_owned(), frames.subcols(1, n).to_owned());
+        Sampled { lab, walked, transitions: (0..n).collect(), phi, next }
+    }
+
     /// A policy for a task over the first `d` features.
     ///
     /// # Errors

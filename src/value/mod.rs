@@ -23,6 +23,7 @@
 //! | which policy is best? | [`Lspi::fit`], or [`Batch::fit`] |
 //! | what if it does not settle? | [`LspiOptions::mixing`], with a table of what helps at [`Lspi::fit`]; weights by [`balance`] |
 //! | what does learning on one's own path do? | [`Sarsa`], a counter-example |
+//! | what can be learned with no memory of the past at all? | [`StreamQ`], to compare with |
 //! | which transitions to keep, and how to weigh them? | [`Window`], [`balance`] |
 //! | what is the exact answer? | [`FiniteMdp`] and [`exact`], with [`worlds`] to try things on |
 //! | what of the thesis's outlook? | soft actions ([`maximiser_probabilities`]), the policy-dependent norm ([`closeness_weights`]), [`Smoothing`] |
@@ -65,6 +66,7 @@ mod representation;
 mod sarsa;
 mod smoothing;
 mod soft;
+mod stream_q;
 mod traces;
 mod window;
 pub mod worlds;
@@ -81,5 +83,6 @@ pub use representation::{MOST_FEATURES, RepresentationError, Tabular, Trigonomet
 pub use sarsa::{Sarsa, SarsaOptions};
 pub use smoothing::Smoothing;
 pub use soft::maximiser_probabilities;
+pub use stream_q::{StreamQ, StreamQOptions};
 pub use traces::LstdLambda;
 pub use window::{Transition, Window, balance};
