@@ -23,6 +23,8 @@ const LAB: &str = include_str!("../../scenarios/lab.toml");
 pub const FRAMES: usize = 35_128;
 /// Transitions of the thesis's training set (§5.3).
 pub const TRANSITIONS: usize = 11_656;
+/// Those of them that are moves; the others are 3091 turns and their mirror images.
+const MOVES: usize = 5474;
 /// Frames after which a rendering asks whether it is to go on.
 const PATIENCE: usize = 500;
 
@@ -216,28 +218,67 @@ pub struct Walked {
     pub blocked: Vec<bool>,
 }
 
+/// An action, and the frames before and after it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Transition {
+    /// Number of the frame before.
+    pub from: usize,
+    /// Number of the frame after.
+    pub to: usize,
+    /// What was done.
+    pub action: Action,
+    /// Whether a wall stopped it.
+    pub blocked: bool,
+}
+
+impl Transition {
+    /// Actions that the reflexes let follow, as bits.
+    pub fn allows(&self, reflexes: Reflexes) -> u32 {
+        let recent = Recent { action: Some(self.action), blocked: self.blocked };
+        let allowed = Action::ALL.into_iter().filter(|&action| reflexes.allow(action, recent));
+        allowed.fold(0, |bits, action| bits | 1 << action.index())
+    }
+}
+
 impl Walked {
-    /// Numbers of `count` transitions spread evenly over the walk; transition `t` leads from pose `t` to pose `t + 1`.
-    pub fn spread(&self, count: usize) -> Vec<usize> {
-        let n = self.actions.len();
-        let count = count.min(n);
-        (0..count).map(|i| i * n / count).collect()
+    /// `count` transitions of all kinds, spread evenly over the walk.
+    pub fn spread(&self, count: usize) -> Vec<Transition> {
+        let all: Vec<usize> = (0..self.actions.len()).collect();
+        evenly(&all, count).into_iter().map(|t| self.transition(t)).collect()
+    }
+
+    /// About `count` transitions as the thesis took them out of its video (§5.3): moves that went their way, none that a wall
+    /// stopped, and turns, each also the other way round; in the thesis's proportion, in the order of their time.
+    pub fn as_in_the_thesis(&self, count: usize) -> Vec<Transition> {
+        let of = |wanted: &dyn Fn(Action) -> bool| -> Vec<usize> {
+            (0..self.actions.len()).filter(|&t| wanted(self.actions[t]) && !self.blocked[t]).collect()
+        };
+        let moves = count * MOVES / TRANSITIONS;
+        let mut taken = evenly(&of(&|action| action == Action::Forward), moves);
+        taken.extend(evenly(&of(&|action| action != Action::Forward), (count - moves) / 2));
+        taken.sort_unstable();
+        let with_mirrored = |t: usize| {
+            let there = self.transition(t);
+            let back = |action| Transition { from: there.to, to: there.from, action, blocked: false };
+            [Some(there), there.action.opposite().map(back)].into_iter().flatten()
+        };
+        taken.into_iter().flat_map(with_mirrored).collect()
+    }
+
+    fn transition(&self, t: usize) -> Transition {
+        Transition { from: t, to: t + 1, action: self.actions[t], blocked: self.blocked[t] }
     }
 
     /// Rewards of a task for some transitions.
-    pub fn rewards(&self, lab: &Lab, task: usize, transitions: &[usize]) -> Vec<f64> {
-        transitions.iter().map(|&t| lab.world.reward(lab.task(task), self.poses[t + 1].position)).collect()
+    pub fn rewards(&self, lab: &Lab, task: usize, transitions: &[Transition]) -> Vec<f64> {
+        transitions.iter().map(|t| lab.world.reward(lab.task(task), self.poses[t.to].position)).collect()
     }
+}
 
-    /// Actions that the reflexes let follow some transitions, as bits.
-    pub fn allowed(&self, reflexes: Reflexes, transitions: &[usize]) -> Vec<u32> {
-        let after = |&t: &usize| {
-            let recent = Recent { action: Some(self.actions[t]), blocked: self.blocked[t] };
-            let allowed = Action::ALL.into_iter().filter(|&action| reflexes.allow(action, recent));
-            allowed.fold(0, |bits, action| bits | 1 << action.index())
-        };
-        transitions.iter().map(after).collect()
-    }
+/// `count` entries of a list, or all, spread evenly.
+fn evenly(list: &[usize], count: usize) -> Vec<usize> {
+    let count = count.min(list.len());
+    (0..count).map(|i| list[i * list.len() / count]).collect()
 }
 
 /// Poses as points of theory, `3 × n`.
@@ -258,5 +299,29 @@ impl Data {
     /// A walk of some actions through a lab.
     pub fn new(lab: &Lab, actions: usize) -> Self {
         Data { scenario: lab.scenario.sha256(), actions }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn transitions_as_in_the_thesis_are_free_moves_and_turns_both_ways() {
+        use Action::{Forward, TurnLeft, TurnRight};
+        let actions = [Forward, TurnLeft, Forward, TurnRight, Forward].repeat(20);
+        let blocked: Vec<bool> = (0..100).map(|t| t % 5 == 2).collect();
+        let poses = vec![Pose::new(Point2::origin(), 0.0); 101];
+        let walked = Walked { poses, actions, blocked };
+        let found = walked.as_in_the_thesis(64);
+        assert_eq!(found.iter().filter(|t| t.action == Forward).count(), 64 * MOVES / TRANSITIONS);
+        assert!(found.iter().all(|t| !t.blocked && (t.action == Forward || found.contains(&mirrored(t)))));
+        assert_eq!(found.len(), 64);
+        assert_eq!(walked.spread(1000).len(), 100);
+        assert_eq!(walked.spread(50).iter().filter(|t| t.blocked).count(), 10);
+    }
+
+    fn mirrored(t: &Transition) -> Transition {
+        Transition { from: t.to, to: t.from, action: t.action.opposite().unwrap(), blocked: false }
     }
 }

@@ -183,7 +183,7 @@ impl Field<'_> {
         let vectors = (actions / FRAMES_PER_VECTOR).min(MOST_VECTORS);
         let training = Training::new(self.lab, actions, vectors, features - 1);
         let trained = train(self.lab, &training, self.bench)?;
-        let sampled = Sampled::new(&trained, actions, self.bench)?;
+        let sampled = Sampled::new(&trained, actions, Iteration::Thesis, self.bench)?;
         self.point(actions, |task| {
             let fit = sampled.fit(features, task, Iteration::Thesis)?;
             trips(&trained.model, &fit, (&self.evaluator, task), Reflexes::OFF)

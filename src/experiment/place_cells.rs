@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use super::lab::Lab;
 use super::maps::{Grid, HEADINGS, Map, sheet};
+use super::plot::{Line, Scale, chart};
 use super::{Band, Bench, Cell, Experiment, ExperimentError, Results, Sizes, Table};
 use crate::dictionary::{Ald, Parameters, WhenFull, width_for_size};
 use crate::kernel::Kernel;
@@ -279,7 +280,7 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
              thesis reports this work of others without numbers."
                 .into(),
         ],
-        plots: plots(&found, &lab, places),
+        plots: plots(&found, &lab, places)?,
     })
 }
 
@@ -342,7 +343,7 @@ fn slowness(found: &[Vec<Outcome>; 2]) -> Table {
     table
 }
 
-fn plots(found: &[Vec<Outcome>; 2], lab: &Lab, grid: Grid) -> Vec<(String, String)> {
+fn plots(found: &[Vec<Outcome>; 2], lab: &Lab, grid: Grid) -> Result<Vec<(String, String)>, ExperimentError> {
     let (low, high) = lab.world.plan.reachable_box();
     let aspect = (high.y - low.y) / (high.x - low.x);
     let names = ["places.svg", "headings.svg"];
@@ -367,7 +368,21 @@ fn plots(found: &[Vec<Outcome>; 2], lab: &Lab, grid: Grid) -> Vec<(String, Strin
         let title = format!("{}: slow features above, components below; means over headings", MOTIONS[number].0);
         (names[number].to_owned(), sheet(&title, grid, aspect, &all))
     };
-    found.iter().enumerate().filter_map(|(number, outcomes)| Some(sheet_of((number, outcomes.first()?)))).collect()
+    let firsts = found.iter().enumerate().filter_map(|(number, outcomes)| Some((number, outcomes.first()?)));
+    let mut plots: Vec<(String, String)> = firsts.map(sheet_of).collect();
+    if let Some(outcome) = found[1].first() {
+        let line = |(i, tuning): (usize, &Vec<f64>)| {
+            // Once round, with the first heading again at the end.
+            let around = tuning.iter().chain(tuning.first()).enumerate();
+            let points = around.map(|(heading, &value)| (360.0 * heading as f64 / HEADINGS as f64, Band::of(&[value])));
+            Line::new(format!("cell {}", i + 1), i, points)
+        };
+        let lines: Vec<Line> = outcome.cells.tuning.iter().take(LINE).enumerate().map(line).collect();
+        let title = format!("{}: components by heading, means over places", MOTIONS[1].0);
+        let chart = chart(&title, (&Scale::new("heading, °").within(0.0, 360.0), &Scale::new("activity")), &lines)?;
+        plots.push(("tuning.svg".to_owned(), chart));
+    }
+    Ok(plots)
 }
 
 #[cfg(test)]

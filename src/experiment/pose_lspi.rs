@@ -12,7 +12,7 @@ use faer::{Mat, Par};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::lab::{Data, FRAMES, Lab, TRANSITIONS, Walked, points};
+use super::lab::{Data, FRAMES, Lab, TRANSITIONS, Transition, Walked, points};
 use super::plot::{Line, Scale, chart};
 use super::quality::{Quality, reference_trips};
 use super::{Band, Bench, Cell, Experiment, ExperimentError, Once, Results, Sizes, Table};
@@ -34,47 +34,40 @@ const TASK: &str = "centre";
 
 /// Numbers of features `d`.
 const FEATURES: Sizes<&[usize]> = Sizes {
-    full: &[10, 20, 30, 40, 50, 70, 100, 150, 200, 300, 400, 500],
-    quick: &[10, 20, 40, 70, 100, 200],
+    full: &[10, 20, 30, 40, 50, 70, 100, 150, 200, 300, 500],
+    quick: &[10, 20, 30, 40, 50, 70, 100, 150, 200],
     smoke: &[10, 20],
 };
 /// Actions of the walk, and transitions taken from it; the smaller set is half of them.
 const WALK: Sizes<(usize, usize)> =
     Sizes { full: (FRAMES, TRANSITIONS), quick: (FRAMES, TRANSITIONS), smoke: (600, 400) };
 /// Random starts of the trials, and random first policies.
-const TRIALS: Sizes<(usize, usize)> = Sizes { full: (1000, 10), quick: (200, 4), smoke: (10, 2) };
+const TRIALS: Sizes<(usize, usize)> = Sizes { full: (1000, 10), quick: (200, 10), smoke: (10, 2) };
 
 /// The thesis does not say how often it iterated. Plain LSPI has settled, or begun to run in circles, long before this.
-const MOST_ITERATIONS: usize = 30;
+const MOST_ITERATIONS: usize = 20;
 
 /// Feature numbers between which the thesis's policies need less than a step more than the reference policy, with all
 /// transitions and with half of them (§5.3.3, conclusion 1).
 const REGIME: [(usize, usize); 2] = [(20, 70), (20, 40)];
 
-/// In which order responses are taken: that of their slowness, which depends on how much a walk turns.
+/// Which transitions policies are learned from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
-enum Order {
-    /// For the thesis's walk: two half waves along x are as slow as one turn of the heading, see [`Lab::thesis_weight`].
+enum Kind {
+    /// Those that the thesis took out of its video: no move that a wall stopped, and turns both ways.
     Thesis,
-    /// For the walk that the transitions are from.
-    Walk,
+    /// All kinds, as they come in the walk.
+    Blocked,
 }
 
-impl Order {
-    const ALL: [Order; 2] = [Order::Thesis, Order::Walk];
+impl Kind {
+    const ALL: [Kind; 2] = [Kind::Thesis, Kind::Blocked];
 
     fn name(self) -> &'static str {
         match self {
-            Order::Thesis => "the thesis's",
-            Order::Walk => "this walk's",
-        }
-    }
-
-    fn move_weight(self, lab: &Lab, walked: &Walked) -> f64 {
-        match self {
-            Order::Thesis => lab.thesis_weight(walked),
-            Order::Walk => 1.0,
+            Kind::Thesis => "as in the thesis",
+            Kind::Blocked => "with blocked moves",
         }
     }
 }
@@ -82,7 +75,7 @@ impl Order {
 #[derive(Serialize)]
 struct Settings {
     data: Data,
-    order: Order,
+    kind: Kind,
     task: &'static str,
     features: usize,
     transitions: usize,
@@ -117,14 +110,15 @@ pub struct Fitted {
 struct Prepared<'a> {
     lab: &'a Lab,
     walked: Walked,
-    transitions: Vec<usize>,
+    /// Of each kind.
+    transitions: [Vec<Transition>; 2],
     evaluator: Evaluator,
     reference: Vec<Trip>,
 }
 
 fn prepare(lab: &Lab, (frames, transitions): (usize, usize), starts: usize) -> Prepared<'_> {
     let walked = lab.walk(frames);
-    let transitions = walked.spread(transitions);
+    let transitions = [walked.as_in_the_thesis(transitions), walked.spread(transitions)];
     let evaluator = Evaluator::new(lab.scenario.clone(), lab.world.clone(), starts, lab.scenario.seed);
     let reference = reference_trips(lab, &evaluator, task_of(lab));
     Prepared { lab, walked, transitions, evaluator, reference }
@@ -140,17 +134,19 @@ impl Prepared<'_> {
         let (d, n) = (settings.features, settings.transitions);
         let lab = self.lab;
         // The first half of the transitions in time, as in the thesis.
-        let used = &self.transitions[..n];
-        let weight = settings.order.move_weight(lab, &self.walked);
+        let used = &self.transitions[settings.kind as usize];
+        let used = &used[..n.min(used.len())];
+        let n = used.len();
+        let weight = lab.thesis_weight(&self.walked);
         let theory = lab.optimal_responses(&self.walked, weight, d - 1)?;
-        let features = |offset: usize| -> Result<Mat<f64>, ExperimentError> {
-            let poses: Vec<Pose> = used.iter().map(|&t| self.walked.poses[t + offset]).collect();
+        let features = |frame: fn(&Transition) -> usize| -> Result<Mat<f64>, ExperimentError> {
+            let poses: Vec<Pose> = used.iter().map(|t| self.walked.poses[frame(t)]).collect();
             let waves = theory.evaluate(points(&poses).as_ref())?;
             Ok(Mat::from_fn(d, n, |i, j| if i == 0 { 1.0 } else { waves[(i - 1, j)] }))
         };
-        let (phi, next) = (features(0)?, features(1)?);
+        let (phi, next) = (features(|t| t.from)?, features(|t| t.to)?);
         let (phi, next) = (phi.as_ref(), next.as_ref());
-        let actions: Vec<usize> = used.iter().map(|&t| self.walked.actions[t].index()).collect();
+        let actions: Vec<usize> = used.iter().map(|t| t.action.index()).collect();
         let weights = vec![1.0; n];
         let problem = Lspi::new(Samples { phi, actions: &actions, weights: &weights }, 3, Par::Seq)?;
         let rewards = self.walked.rewards(lab, task_of(lab), used);
@@ -166,7 +162,7 @@ impl Prepared<'_> {
         bench.go_on()?;
         let uniform = fit(Start::Uniform)?;
         let reflexes = Reflexes::new(&lab.scenario.policy);
-        let allowed = self.walked.allowed(reflexes, used);
+        let allowed: Vec<u32> = used.iter().map(|t| t.allows(reflexes)).collect();
         let options = LspiOptions {
             ridge: value.ridge,
             mixing: value.mixing,
@@ -206,8 +202,8 @@ type Variants = [Vec<Fitted>; 3];
 /// Their names.
 const VARIANTS: [&str; 3] = ["drawn actions", "all actions alike", "ours: ridge, mixing, reflexes"];
 
-/// Everything that was found: by order, training set (0: all transitions, 1: half of them) and number of features.
-type Found = BTreeMap<(Order, usize, usize), Variants>;
+/// Everything that was found: by kind of transitions, training set (0: all transitions, 1: half of them) and number of features.
+type Found = BTreeMap<(Kind, usize, usize), Variants>;
 
 fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     let scope = bench.scope;
@@ -215,17 +211,17 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     let (frames, transitions) = scope.pick(WALK);
     let (starts, trials) = scope.pick(TRIALS);
     let sets = [transitions, transitions / 2];
-    bench.plan(scope.seeds.clone().count() * Order::ALL.len() * sets.len() * features.len());
+    bench.plan(scope.seeds.clone().count() * Kind::ALL.len() * sets.len() * features.len());
     let mut found = Found::new();
     for seed in scope.seeds.clone() {
         let lab = Lab::new(seed, &[])?;
         let data = Data::new(&lab, frames);
         let shared = Once::default();
-        for (order, set, d) in each(features) {
+        for (kind, set, d) in each(features) {
             bench.go_on()?;
             let settings = Settings {
                 data: data.clone(),
-                order,
+                kind,
                 task: TASK,
                 features: d,
                 transitions: sets[set],
@@ -233,12 +229,12 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
                 trials,
                 most_iterations: MOST_ITERATIONS,
             };
-            let label = format!("{d} features in {} order, {} transitions, seed {seed}", order.name(), sets[set]);
+            let label = format!("{d} features, {} transitions {}, seed {seed}", sets[set], kind.name());
             let outcome: Outcome = bench.result(&label, &settings, || {
                 let make = || Ok::<_, ExperimentError>(prepare(&lab, (frames, transitions), starts));
                 shared.get(make)?.outcome(&settings, bench)
             })?;
-            let variants = found.entry((order, set, d)).or_default();
+            let variants = found.entry((kind, set, d)).or_default();
             variants[0].extend(outcome.drawn);
             variants[1].push(outcome.uniform);
             variants[2].push(outcome.ours);
@@ -248,7 +244,7 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     let (gamma, weight) = (lab.scenario.value.gamma, lab.thesis_weight(&lab.walk(frames)));
     let shown = Shown { found, sets, gamma };
     Ok(Results {
-        tables: vec![shown.regimes(), shown.table(Order::Thesis), shown.table(Order::Walk)],
+        tables: vec![shown.regimes(), shown.table(Kind::Thesis), shown.table(Kind::Blocked)],
         notes: vec![
             format!(
                 "Goal {TASK}, γ = {gamma}, {starts} random starts; {trials} random first policies for each number of features; \
@@ -258,9 +254,9 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
              it can be negative, since the reference policy is not the best one. Quality: against the optimal number of steps."
                 .into(),
             format!(
-                "Responses are taken in the order of their slowness, which depends on how much a walk turns. The thesis's order: \
-                 moves weigh {weight:.2} times what turns do, so that φ200 and φ001 are equally slow, as they were there, since \
-                 they mixed; this walk turns more, and in its own order the heading comes late."
+                "Transitions as in the thesis: moves that no wall stopped, and turns both ways. With blocked moves: all kinds, as they \
+                 come in the walk. Responses are taken in the order of their slowness, where moves weigh {weight:.2} times what turns \
+                 do: φ200 and φ001 are then equally slow, as they were in the thesis, since they mixed; this walk turns more."
             ),
             "The thesis had 5838 transitions in its smaller set, a little more than half; it prints a curve, of which only what \
              its text says stands here."
@@ -270,11 +266,11 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     })
 }
 
-/// All orders, training sets and numbers of features.
-fn each(features: &[usize]) -> impl Iterator<Item = (Order, usize, usize)> {
-    Order::ALL
+/// All kinds of transitions, training sets and numbers of features.
+fn each(features: &[usize]) -> impl Iterator<Item = (Kind, usize, usize)> {
+    Kind::ALL
         .into_iter()
-        .flat_map(move |order| (0..2).flat_map(move |set| features.iter().map(move |&d| (order, set, d))))
+        .flat_map(move |kind| (0..2).flat_map(move |set| features.iter().map(move |&d| (kind, set, d))))
 }
 
 struct Shown {
@@ -299,10 +295,10 @@ impl Shown {
     }
 
     /// The longest range of feature numbers in which a variant needs less than a step more than the reference policy.
-    fn regime(&self, order: Order, set: usize, variant: usize) -> Option<(usize, usize)> {
+    fn regime(&self, kind: Kind, set: usize, variant: usize) -> Option<(usize, usize)> {
         let mut longest: Option<(usize, usize, usize)> = None;
         let mut here: Option<(usize, usize, usize)> = None;
-        for (&(_, _, d), variants) in self.found.iter().filter(|((o, s, _), _)| (*o, *s) == (order, set)) {
+        for (&(_, _, d), variants) in self.found.iter().filter(|((k, s, _), _)| (*k, *s) == (kind, set)) {
             here = match (self.more(&variants[variant]), here) {
                 (Some(more), before) if more < 1.0 => {
                     Some(before.map_or((d, d, 1), |(first, _, count)| (first, d, count + 1)))
@@ -318,15 +314,15 @@ impl Shown {
 
     fn regimes(&self) -> Table {
         let columns =
-            ["order", "transitions", "first policy", "from features", "to features", "thesis: from", "thesis: to"];
+            ["kind", "transitions", "first policy", "from features", "to features", "thesis: from", "thesis: to"];
         let title = "The working regime: numbers of features with less than one step more than the reference policy";
         let mut table = Table::new(title, &columns);
-        for (order, set) in Order::ALL.into_iter().flat_map(|order| [(order, 0), (order, 1)]) {
-            let drawn = self.regime(order, set, 0);
+        for (kind, set) in Kind::ALL.into_iter().flat_map(|kind| [(kind, 0), (kind, 1)]) {
+            let drawn = self.regime(kind, set, 0);
             for (variant, name) in VARIANTS.iter().enumerate() {
-                let found = self.regime(order, set, variant);
+                let found = self.regime(kind, set, variant);
                 let thesis = (variant == 0).then_some(REGIME[set]);
-                let mut cells = vec![Cell::text(order.name()), Cell::count(self.sets[set]), Cell::text(*name)];
+                let mut cells = vec![Cell::text(kind.name()), Cell::count(self.sets[set]), Cell::text(*name)];
                 for range in [found, thesis] {
                     cells.push(Cell::maybe(range.map(|(first, _)| first as f64), 0));
                     cells.push(Cell::maybe(range.map(|(_, last)| last as f64), 0));
@@ -337,7 +333,7 @@ impl Shown {
         table
     }
 
-    fn table(&self, order: Order) -> Table {
+    fn table(&self, kind: Kind) -> Table {
         let columns = [
             "transitions",
             "features",
@@ -349,9 +345,8 @@ impl Shown {
             "more than the reference",
             "thesis: more than the reference",
         ];
-        let mut table =
-            Table::new(format!("Policies by number of features, in {} order of slowness", order.name()), &columns);
-        for (&(_, set, d), variants) in self.found.iter().filter(|((o, _, _), _)| *o == order) {
+        let mut table = Table::new(format!("Policies by number of features, transitions {}", kind.name()), &columns);
+        for (&(_, set, d), variants) in self.found.iter().filter(|((k, _, _), _)| *k == kind) {
             for (variant, name) in VARIANTS.iter().enumerate() {
                 let fitted = &variants[variant];
                 let quality = band(fitted, |quality| Some(quality.quality));
@@ -376,11 +371,11 @@ impl Shown {
     }
 
     fn plots(&self) -> Result<Vec<(String, String)>, ExperimentError> {
-        let lines = |order: Order, of: &dyn Fn(&Quality) -> Option<f64>| {
+        let lines = |kind: Kind, of: &dyn Fn(&Quality) -> Option<f64>| {
             let mut lines = Vec::new();
             for (set, n) in self.sets.iter().enumerate() {
                 for (variant, name) in VARIANTS.iter().enumerate() {
-                    let of_set = self.found.iter().filter(|((o, s, _), _)| (*o, *s) == (order, set));
+                    let of_set = self.found.iter().filter(|((k, s, _), _)| (*k, *s) == (kind, set));
                     let points = of_set.map(|(&(_, _, d), variants)| (d as f64, band(&variants[variant], of)));
                     let line = Line::new(format!("{name}, n = {n}"), variant, points);
                     lines.push(if set == 1 { line.dashed() } else { line });
@@ -390,17 +385,17 @@ impl Shown {
         };
         let x = Scale::new("features d").log();
         let mut plots = Vec::new();
-        for order in Order::ALL {
-            let name = if order == Order::Thesis { "thesis-order" } else { "walk-order" };
+        for kind in Kind::ALL {
+            let name = if kind == Kind::Thesis { "thesis" } else { "blocked" };
             let quality = chart(
-                &format!("Convergence quality, responses in {} order of slowness", order.name()),
+                &format!("Convergence quality, transitions {}", kind.name()),
                 (&x, &Scale::new("convergence quality C, against the optimum").within(0.0, 1.0)),
-                &lines(order, &|quality| Some(quality.quality)),
+                &lines(kind, &|quality| Some(quality.quality)),
             )?;
             let more = chart(
-                &format!("Steps more than the reference policy, responses in {} order of slowness", order.name()),
+                &format!("Steps more than the reference policy, transitions {}", kind.name()),
                 (&x, &Scale::new("log_γ C against the reference").within(-1.5, 8.0)),
-                &lines(order, &|quality| quality.more_than_reference),
+                &lines(kind, &|quality| quality.more_than_reference),
             )?;
             plots.extend([(format!("quality-{name}.svg"), quality), (format!("steps-{name}.svg"), more)]);
         }
@@ -467,10 +462,10 @@ mod tests {
     fn the_regime_is_the_longest_range_below_one_step() {
         let at = |good: bool| [fitted(if good { 0.95 } else { 0.5 }), Vec::new(), Vec::new()];
         let good = [(10, false), (20, true), (30, true), (40, false), (50, true)];
-        let found = good.into_iter().map(|(d, good)| ((Order::Walk, 0, d), at(good))).collect();
+        let found = good.into_iter().map(|(d, good)| ((Kind::Blocked, 0, d), at(good))).collect();
         let shown = Shown { found, sets: [100, 50], gamma: 0.9 };
-        assert_eq!(shown.regime(Order::Walk, 0, 0), Some((20, 30)));
-        assert_eq!((shown.regime(Order::Walk, 1, 0), shown.regime(Order::Thesis, 0, 0)), (None, None));
+        assert_eq!(shown.regime(Kind::Blocked, 0, 0), Some((20, 30)));
+        assert_eq!((shown.regime(Kind::Blocked, 1, 0), shown.regime(Kind::Thesis, 0, 0)), (None, None));
         assert!((shown.more(&fitted(0.81)).unwrap() - 2.0).abs() < 1e-9);
     }
 }

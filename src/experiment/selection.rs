@@ -196,7 +196,7 @@ fn compute(prepared: &Prepared<'_>, settings: &Settings, bench: &Bench<'_>) -> R
         residual += v.col_iter().map(|column| (1.0 - column.squared_norm_l2()).max(0.0)).sum::<f64>();
     }
     let trained = Trained { lab, walked: walked.clone(), frames: prepared.frames.clone(), model };
-    let sampled = Sampled::new(&trained, settings.transitions, bench)?;
+    let sampled = Sampled::new(&trained, settings.transitions, Iteration::Ours, bench)?;
     let mut policies = Vec::new();
     for task in 0..lab.scenario.tasks.len() {
         bench.go_on()?;

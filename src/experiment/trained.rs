@@ -5,7 +5,7 @@ use std::sync::Arc;
 use faer::{Mat, Par};
 use serde::{Deserialize, Serialize};
 
-use super::lab::{Data, Lab, Walked};
+use super::lab::{Data, Lab, Transition, Walked};
 use super::pipeline::{LAMBDA, NU, Widths, slow_features};
 use super::quality::Quality;
 use super::{Bench, ExperimentError};
@@ -73,15 +73,15 @@ pub fn train<'a>(lab: &'a Lab, training: &Training, bench: &Bench<'_>) -> Result
 const AT_ONCE: usize = 1024;
 
 impl Trained<'_> {
-    /// Features at some frames, moved by `offset`: `f × n`, the constant one first.
+    /// Features at some frames: `f × n`, the constant one first.
     ///
     /// # Errors
     /// [`ExperimentError::Stopped`].
-    pub fn features_at(&self, frames: &[usize], offset: usize, bench: &Bench<'_>) -> Result<Mat<f64>, ExperimentError> {
+    pub fn features_at(&self, frames: &[usize], bench: &Bench<'_>) -> Result<Mat<f64>, ExperimentError> {
         let mut phi = Mat::zeros(self.model.features(), frames.len());
         for (part, places) in frames.chunks(AT_ONCE).enumerate() {
             bench.go_on()?;
-            let x = Mat::from_fn(self.frames.nrows(), places.len(), |i, j| self.frames[(i, places[j] + offset)]);
+            let x = Mat::from_fn(self.frames.nrows(), places.len(), |i, j| self.frames[(i, places[j])]);
             let found = self.model.apply(x.as_ref(), bench.scope.par)?;
             phi.as_mut().subcols_mut(part * AT_ONCE, places.len()).copy_from(&found);
         }
@@ -93,9 +93,9 @@ impl Trained<'_> {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Iteration {
-    /// As in the thesis, from all actions alike: no ridge, no mixing, no reflexes.
+    /// As in the thesis, from all actions alike: no ridge, no mixing, no reflexes, and transitions without blocked moves.
     Thesis,
-    /// As the agent does it: ridge, mixing and reflexes of the scenario.
+    /// As the agent does it: ridge, mixing and reflexes of the scenario, and blocked moves among the transitions.
     Ours,
 }
 
@@ -135,20 +135,30 @@ impl Iteration {
 pub struct Sampled<'a> {
     lab: &'a Lab,
     walked: &'a Walked,
-    transitions: Vec<usize>,
+    transitions: Vec<Transition>,
     phi: Mat<f64>,
     next: Mat<f64>,
 }
 
 impl<'a> Sampled<'a> {
-    /// `count` transitions, spread evenly over the walk of a trained lab.
+    /// About `count` transitions of the walk of a trained lab: for the thesis's iteration those that it took, for ours all
+    /// kinds, since the agent learns from blocked moves, too.
     ///
     /// # Errors
     /// [`ExperimentError::Stopped`].
-    pub fn new(trained: &'a Trained<'a>, count: usize, bench: &Bench<'_>) -> Result<Self, ExperimentError> {
-        let transitions = trained.walked.spread(count);
-        let phi = trained.features_at(&transitions, 0, bench)?;
-        let next = trained.features_at(&transitions, 1, bench)?;
+    pub fn new(
+        trained: &'a Trained<'a>,
+        count: usize,
+        iteration: Iteration,
+        bench: &Bench<'_>,
+    ) -> Result<Self, ExperimentError> {
+        let transitions = match iteration {
+            Iteration::Thesis => trained.walked.as_in_the_thesis(count),
+            Iteration::Ours => trained.walked.spread(count),
+        };
+        let at = |frame: fn(&Transition) -> usize| transitions.iter().map(frame).collect::<Vec<usize>>();
+        let phi = trained.features_at(&at(|t| t.from), bench)?;
+        let next = trained.features_at(&at(|t| t.to), bench)?;
         Ok(Sampled { lab: trained.lab, walked: &trained.walked, transitions, phi, next })
     }
 
@@ -156,7 +166,7 @@ impl<'a> Sampled<'a> {
     pub fn whole(lab: &'a Lab, walked: &'a Walked, frames: &Mat<f64>) -> Self {
         let n = frames.ncols() - 1;
         let (phi, next) = (frames.subcols(0, n).to_owned(), frames.subcols(1, n).to_owned());
-        Sampled { lab, walked, transitions: (0..n).collect(), phi, next }
+        Sampled { lab, walked, transitions: walked.spread(n), phi, next }
     }
 
     /// A policy for a task over the first `d` features.
@@ -166,11 +176,12 @@ impl<'a> Sampled<'a> {
     pub fn fit(&self, d: usize, task: usize, iteration: Iteration) -> Result<Fit, ExperimentError> {
         let n = self.transitions.len();
         let d = d.min(self.phi.nrows());
-        let actions: Vec<usize> = self.transitions.iter().map(|&t| self.walked.actions[t].index()).collect();
+        let actions: Vec<usize> = self.transitions.iter().map(|t| t.action.index()).collect();
         let weights = vec![1.0; n];
         let samples = Samples { phi: self.phi.get(..d, ..n), actions: &actions, weights: &weights };
         let rewards = self.walked.rewards(self.lab, task, &self.transitions);
-        let allowed = self.walked.allowed(iteration.reflexes(self.lab), &self.transitions);
+        let reflexes = iteration.reflexes(self.lab);
+        let allowed: Vec<u32> = self.transitions.iter().map(|t| t.allows(reflexes)).collect();
         let outcomes = Outcomes { next: self.next.get(..d, ..n), rewards: &rewards, allowed: Some(&allowed) };
         Ok(Lspi::new(samples, 3, Par::Seq)?.fit(&outcomes, &iteration.options(self.lab))?)
     }

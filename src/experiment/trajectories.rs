@@ -74,7 +74,8 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     for seed in scope.seeds.clone() {
         let lab = Lab::new(seed, &[])?;
         let training = Training::new(&lab, actions, vectors, features - 1);
-        let (trained, sampled, evaluator) = (Once::<Trained<'_>>::default(), Once::default(), Once::default());
+        let (trained, evaluator) = (Once::<Trained<'_>>::default(), Once::default());
+        let sampled: [Once<Sampled<'_>>; 2] = Default::default();
         for (task, goal) in lab.scenario.tasks.iter().enumerate() {
             for iteration in Iteration::ALL {
                 let settings =
@@ -82,7 +83,8 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
                 let label = format!("{}, {}, seed {seed}", goal.name, iteration.name());
                 let trajectories: Vec<Trajectory> = bench.result(&label, &settings, || {
                     let trained = trained.get(|| train(&lab, &training, bench))?;
-                    let sampled = sampled.get(|| Sampled::new(trained, transitions, bench))?;
+                    let make = || Sampled::new(trained, transitions, iteration, bench);
+                    let sampled = sampled[iteration as usize].get(make)?;
                     let evaluator = evaluator.get(|| {
                         let (scenario, world) = (lab.scenario.clone(), lab.world.clone());
                         Ok::<_, ExperimentError>(Evaluator::new(scenario, world, starts, seed))

@@ -83,12 +83,12 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
         gamma = lab.scenario.value.gamma;
         let task = lab.task_number(TASK).unwrap_or(0);
         let training = Training::new(&lab, actions, vectors, most - 1);
-        let (trained, sampled, prepared) = (Once::<Trained<'_>>::default(), Once::default(), Once::default());
+        let (trained, prepared) = (Once::<Trained<'_>>::default(), Once::default());
+        let sampled: [Once<Sampled<'_>>; 2] = Default::default();
         for &d in features {
             let settings = Settings { training: training.clone(), transitions, task: TASK, starts, features: d };
             let outcome: Outcome = bench.result(&format!("{d} features, seed {seed}"), &settings, || {
                 let trained = trained.get(|| train(&lab, &training, bench))?;
-                let sampled = sampled.get(|| Sampled::new(trained, transitions, bench))?;
                 let Prepared { evaluator, reference } = prepared.get(|| {
                     let evaluator = Evaluator::new(lab.scenario.clone(), lab.world.clone(), starts, seed);
                     let reference = reference_trips(&lab, &evaluator, task);
@@ -96,7 +96,8 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
                 })?;
                 let policy = |iteration: Iteration| {
                     bench.go_on()?;
-                    let fit = sampled.fit(d, task, iteration)?;
+                    let make = || Sampled::new(trained, transitions, iteration, bench);
+                    let fit = sampled[iteration as usize].get(make)?.fit(d, task, iteration)?;
                     let quality = quality(trained, &fit, (evaluator, task), iteration.reflexes(&lab), reference)?;
                     Ok::<_, ExperimentError>(Policy { converged: fit.converged, quality })
                 };
