@@ -30,6 +30,7 @@ mod quality;
 pub mod responses;
 pub mod selection;
 pub mod slowness;
+mod spans;
 mod table;
 mod trained;
 pub mod trajectories;

@@ -5,6 +5,8 @@
 //! the goal is the centre of the lab. The thesis's LSPI has neither ridge nor mixing, and its robot no reflexes; ours,
 //! with all three, is the third variant.
 
+mod shown;
+
 use std::collections::BTreeMap;
 use std::sync::atomic::Ordering;
 
@@ -12,10 +14,10 @@ use faer::{Mat, Par};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use self::shown::Shown;
 use super::lab::{Data, FRAMES, Lab, TRANSITIONS, Transition, Walked, points};
-use super::plot::{Line, Scale, chart};
 use super::quality::{Quality, reference_trips};
-use super::{Band, Bench, Cell, Experiment, ExperimentError, Once, Results, Sizes, Table};
+use super::{Bench, Experiment, ExperimentError, Once, Results, Sizes};
 use crate::evaluate::{Evaluator, Trip};
 use crate::policy::Reflexes;
 use crate::slow::theory::OptimalResponses;
@@ -271,201 +273,4 @@ fn each(features: &[usize]) -> impl Iterator<Item = (Kind, usize, usize)> {
     Kind::ALL
         .into_iter()
         .flat_map(move |kind| (0..2).flat_map(move |set| features.iter().map(move |&d| (kind, set, d))))
-}
-
-struct Shown {
-    found: Found,
-    sets: [usize; 2],
-    gamma: f64,
-}
-
-fn band(fitted: &[Fitted], of: impl Fn(&Quality) -> Option<f64>) -> Option<Band> {
-    Band::of(&fitted.iter().filter_map(|fitted| of(&fitted.quality)).collect::<Vec<_>>())
-}
-
-fn converged(fitted: &[Fitted]) -> f64 {
-    fitted.iter().filter(|fitted| fitted.converged).count() as f64 / fitted.len().max(1) as f64
-}
-
-impl Shown {
-    /// Steps more than the reference policy, as the thesis plots them: from the mean quality.
-    fn more(&self, fitted: &[Fitted]) -> Option<f64> {
-        let mean = band(fitted, |quality| Some(quality.to_reference))?.mean;
-        (mean > 0.0).then(|| mean.ln() / self.gamma.ln())
-    }
-
-    /// The longest range of feature numbers in which a variant needs less than a step more than the reference policy.
-    fn regime(&self, kind: Kind, set: usize, variant: usize) -> Option<(usize, usize)> {
-        let mut longest: Option<(usize, usize, usize)> = None;
-        let mut here: Option<(usize, usize, usize)> = None;
-        for (&(_, _, d), variants) in self.found.iter().filter(|((k, s, _), _)| (*k, *s) == (kind, set)) {
-            here = match (self.more(&variants[variant]), here) {
-                (Some(more), before) if more < 1.0 => {
-                    Some(before.map_or((d, d, 1), |(first, _, count)| (first, d, count + 1)))
-                }
-                _ => None,
-            };
-            if here.map(|range| range.2) > longest.map(|range| range.2) {
-                longest = here;
-            }
-        }
-        longest.map(|(first, last, _)| (first, last))
-    }
-
-    fn regimes(&self) -> Table {
-        let columns =
-            ["kind", "transitions", "first policy", "from features", "to features", "thesis: from", "thesis: to"];
-        let title = "The working regime: numbers of features with less than one step more than the reference policy";
-        let mut table = Table::new(title, &columns);
-        for (kind, set) in Kind::ALL.into_iter().flat_map(|kind| [(kind, 0), (kind, 1)]) {
-            let drawn = self.regime(kind, set, 0);
-            for (variant, name) in VARIANTS.iter().enumerate() {
-                let found = self.regime(kind, set, variant);
-                let thesis = (variant == 0).then_some(REGIME[set]);
-                let mut cells = vec![Cell::text(kind.name()), Cell::count(self.sets[set]), Cell::text(*name)];
-                for range in [found, thesis] {
-                    cells.push(Cell::maybe(range.map(|(first, _)| first as f64), 0));
-                    cells.push(Cell::maybe(range.map(|(_, last)| last as f64), 0));
-                }
-                table.push(cells, says_of_regime(variant, found, drawn, REGIME[set]));
-            }
-        }
-        table
-    }
-
-    fn table(&self, kind: Kind) -> Table {
-        let columns = [
-            "transitions",
-            "features",
-            "first policy",
-            "settled",
-            "success",
-            "quality",
-            "deviation",
-            "more than the reference",
-            "thesis: more than the reference",
-        ];
-        let mut table = Table::new(format!("Policies by number of features, transitions {}", kind.name()), &columns);
-        for (&(_, set, d), variants) in self.found.iter().filter(|((k, _, _), _)| *k == kind) {
-            for (variant, name) in VARIANTS.iter().enumerate() {
-                let fitted = &variants[variant];
-                let quality = band(fitted, |quality| Some(quality.quality));
-                let more = self.more(fitted);
-                let inside = variant == 0 && (REGIME[set].0..=REGIME[set].1).contains(&d);
-                let cells = vec![
-                    Cell::count(self.sets[set]),
-                    Cell::count(d),
-                    Cell::text(*name),
-                    Cell::Number(converged(fitted), 2),
-                    Cell::band(band(fitted, |quality| Some(quality.success)), 3),
-                    Cell::band(quality, 3),
-                    Cell::maybe(quality.filter(|band| band.count > 1).map(|band| band.deviation), 3),
-                    Cell::maybe(more, 2),
-                    if inside { Cell::text("< 1") } else { Cell::Empty },
-                ];
-                let unstable = quality.is_some_and(|band| band.deviation > UNSTABLE);
-                table.push(cells, says(variant, d, REGIME[set], more, unstable));
-            }
-        }
-        table
-    }
-
-    fn plots(&self) -> Result<Vec<(String, String)>, ExperimentError> {
-        let lines = |kind: Kind, of: &dyn Fn(&Quality) -> Option<f64>| {
-            let mut lines = Vec::new();
-            for (set, n) in self.sets.iter().enumerate() {
-                for (variant, name) in VARIANTS.iter().enumerate() {
-                    let of_set = self.found.iter().filter(|((k, s, _), _)| (*k, *s) == (kind, set));
-                    let points = of_set.map(|(&(_, _, d), variants)| (d as f64, band(&variants[variant], of)));
-                    let line = Line::new(format!("{name}, n = {n}"), variant, points);
-                    lines.push(if set == 1 { line.dashed() } else { line });
-                }
-            }
-            lines
-        };
-        let x = Scale::new("features d").log();
-        let mut plots = Vec::new();
-        for kind in Kind::ALL {
-            let name = if kind == Kind::Thesis { "thesis" } else { "blocked" };
-            let quality = chart(
-                &format!("Convergence quality, transitions {}", kind.name()),
-                (&x, &Scale::new("convergence quality C, against the optimum").within(0.0, 1.0)),
-                &lines(kind, &|quality| Some(quality.quality)),
-            )?;
-            let more = chart(
-                &format!("Steps more than the reference policy, transitions {}", kind.name()),
-                (&x, &Scale::new("log_γ C against the reference").within(-1.5, 8.0)),
-                &lines(kind, &|quality| quality.more_than_reference),
-            )?;
-            plots.extend([(format!("quality-{name}.svg"), quality), (format!("steps-{name}.svg"), more)]);
-        }
-        Ok(plots)
-    }
-}
-
-/// A standard deviation of the quality over first policies above which it depends on them.
-const UNSTABLE: f64 = 0.05;
-
-fn says_of_regime(
-    variant: usize,
-    found: Option<(usize, usize)>,
-    drawn: Option<(usize, usize)>,
-    (first, last): (usize, usize),
-) -> String {
-    match (variant, found, drawn) {
-        (0, None, _) => "differs: there is none".into(),
-        (0, Some((from, to)), _) => {
-            let begin = if from <= first { "agrees at its beginning" } else { "differs: it begins later" };
-            let end = if to > last { "differs: it ends later" } else { "agrees at its end" };
-            format!("{begin}; {end}")
-        }
-        (1, Some(found), Some(drawn)) => {
-            let times = found.1 as f64 / drawn.1 as f64;
-            if times >= 1.5 {
-                format!("agrees: {times:.1} times as far as from drawn actions (thesis: about twice)")
-            } else {
-                format!("differs: {times:.1} times as far as from drawn actions (thesis: about twice)")
-            }
-        }
-        (1, _, _) => "differs: there is none to compare (thesis: about twice that of drawn actions)".into(),
-        _ => "not in the thesis".into(),
-    }
-}
-
-fn says(variant: usize, d: usize, (first, last): (usize, usize), more: Option<f64>, unstable: bool) -> String {
-    if variant != 0 {
-        return if variant == 1 { "no number in its text" } else { "not in the thesis" }.into();
-    }
-    let below = more.is_some_and(|more| more < 1.0);
-    match (d < first, d <= last, below, unstable) {
-        (true, _, _, _) => "no number in its text",
-        (_, true, true, _) => "agrees: less than one step more",
-        (_, true, false, _) => "differs: a step or more",
-        (_, false, _, true) => "agrees: depends on the first policy",
-        (_, false, true, false) => "differs: it still works, whatever the first policy",
-        (_, false, false, false) => "agrees that it is worse; differs: not for the first policy's sake",
-    }
-    .into()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn fitted(to_reference: f64) -> Vec<Fitted> {
-        let quality =
-            Quality { success: 1.0, steps: None, extra: None, quality: 0.9, to_reference, more_than_reference: None };
-        vec![Fitted { iterations: 3, converged: true, quality }]
-    }
-
-    #[test]
-    fn the_regime_is_the_longest_range_below_one_step() {
-        let at = |good: bool| [fitted(if good { 0.95 } else { 0.5 }), Vec::new(), Vec::new()];
-        let good = [(10, false), (20, true), (30, true), (40, false), (50, true)];
-        let found = good.into_iter().map(|(d, good)| ((Kind::Blocked, 0, d), at(good))).collect();
-        let shown = Shown { found, sets: [100, 50], gamma: 0.9 };
-        assert_eq!(shown.regime(Kind::Blocked, 0, 0), Some((20, 30)));
-        assert_eq!((shown.regime(Kind::Blocked, 1, 0), shown.regime(Kind::Thesis, 0, 0)), (None, None));
-        assert!((shown.more(&fitted(0.81)).unwrap() - 2.0).abs() < 1e-9);
-    }
 }

@@ -4,30 +4,24 @@
 //! goals. The batch pipeline, IncSFA and the true pose learn from one random walk, of which they are shown more and more;
 //! the stream explores and pursues goals; Stream-Q(λ) acts on its own values, once for each goal.
 
+mod field;
+
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use faer::{Mat, Par};
-use nalgebra::Point2;
-use rand::RngExt;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
-use super::lab::{Data, Lab, Walked, points};
+use self::field::{Field, Point, field};
+use super::lab::{Data, Lab};
 use super::plot::{Line, Scale, chart};
-use super::quality::{Quality, reference_trips};
-use super::trained::{Iteration, Sampled, Training, train, trips};
+use super::trained::{Training, train};
 use super::{Band, Bench, Cell, Experiment, ExperimentError, Once, Results, Sizes, Table};
 use crate::agent::{self, RunOptions, Status};
-use crate::evaluate::{Evaluator, Situation, Trip, draw_pose};
+use crate::evaluate::Evaluator;
 use crate::log::{Folder, LogOptions, Rotation, RunLog};
-use crate::policy::Reflexes;
-use crate::random::stream;
 use crate::slow::SlowModel;
-use crate::slow::coherence::incremental::{IncrementalSlow, Options as IncrementalOptions};
 use crate::source::Simulated;
-use crate::value::{Fit, StreamQ, StreamQOptions};
-use crate::vision::{Observation, Observer};
-use crate::world::{Action, Image, Pose, Robot, Sensor, in_goal};
 
 /// The experiment.
 pub const EXPERIMENT: Experiment = Experiment {
@@ -42,8 +36,8 @@ const ACTIONS: Sizes<&[usize]> =
     Sizes { full: &[1000, 2000, 4000, 8000, 15_000], quick: &[1000, 2000, 4000], smoke: &[150, 300] };
 /// Features, the constant included, and random starts for each goal.
 const FEATURES: Sizes<(usize, usize)> = Sizes { full: (128, 200), quick: (128, 100), smoke: (16, 10) };
-/// Features of the true pose: within the thesis's working regime, see `pose-lspi`.
-const POSE_FEATURES: usize = 70;
+/// Features of the true pose: as many as `pose-lspi` finds good where blocked moves are among the transitions.
+const POSE_FEATURES: usize = 200;
 /// One support vector of the batch pipeline for so many frames (the thesis had 4.4), at most [`MOST_VECTORS`].
 const FRAMES_PER_VECTOR: usize = 4;
 const MOST_VECTORS: usize = 2000;
@@ -103,236 +97,6 @@ struct Settings {
     actions: Vec<usize>,
     features: usize,
     starts: usize,
-}
-
-/// How good a policy is after some actions, mean over tasks.
-#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
-pub struct Point {
-    /// Actions that were executed.
-    pub actions: usize,
-    /// Frames that were seen.
-    pub frames: usize,
-    /// Share of starts that arrive.
-    pub success: f64,
-    /// Convergence quality against the optimum.
-    pub quality: f64,
-}
-
-/// The lab of a seed, its walk, and the trials.
-struct Field<'a> {
-    lab: &'a Lab,
-    walked: Walked,
-    video: Mat<f32>,
-    evaluator: Evaluator,
-    reference: Vec<Vec<Trip>>,
-    bench: &'a Bench<'a>,
-}
-
-fn field<'a>(lab: &'a Lab, settings: &Settings, bench: &'a Bench<'a>) -> Result<Field<'a>, ExperimentError> {
-    let most = settings.actions.iter().copied().max().unwrap_or(1);
-    let walked = lab.walk(most);
-    let video = lab.video(&walked.poses, bench)?;
-    let evaluator = Evaluator::new(lab.scenario.clone(), lab.world.clone(), settings.starts, lab.scenario.seed);
-    let reference = (0..lab.scenario.tasks.len()).map(|task| reference_trips(lab, &evaluator, task)).collect();
-    Ok(Field { lab, walked, video, evaluator, reference, bench })
-}
-
-impl Field<'_> {
-    /// How good the trips of all tasks are.
-    fn point(
-        &self,
-        actions: usize,
-        mut trips_of: impl FnMut(usize) -> Result<Vec<Trip>, ExperimentError>,
-    ) -> Result<Point, ExperimentError> {
-        let tasks = self.lab.scenario.tasks.len();
-        let mut point = Point { actions, frames: actions + 1, success: 0.0, quality: 0.0 };
-        for task in 0..tasks {
-            self.bench.go_on()?;
-            let quality = Quality::of(&trips_of(task)?, &self.reference[task], self.lab.scenario.value.gamma);
-            point.success += quality.success / tasks as f64;
-            point.quality += quality.quality / tasks as f64;
-        }
-        Ok(point)
-    }
-
-    /// Trips of the greedy policy over features of what is seen, with our reflexes.
-    fn greedy_trips(
-        &self,
-        task: usize,
-        camera: bool,
-        weights: &Mat<f64>,
-        features: impl Fn(&Situation<'_>) -> Mat<f64> + Sync,
-    ) -> Vec<Trip> {
-        let reflexes = Reflexes::new(&self.lab.scenario.policy);
-        self.evaluator.trips(task, camera, &|situation| {
-            let q = weights.transpose() * features(situation);
-            reflexes.best([q[(0, 0)], q[(1, 0)], q[(2, 0)]], situation.recent).0
-        })
-    }
-
-    /// The first part of the walk.
-    fn part(&self, actions: usize) -> Walked {
-        Walked {
-            poses: self.walked.poses[..=actions].to_vec(),
-            actions: self.walked.actions[..actions].to_vec(),
-            blocked: self.walked.blocked[..actions].to_vec(),
-        }
-    }
-
-    fn batch(&self, actions: usize, features: usize) -> Result<Point, ExperimentError> {
-        let vectors = (actions / FRAMES_PER_VECTOR).min(MOST_VECTORS);
-        let training = Training::new(self.lab, actions, vectors, features - 1);
-        let trained = train(self.lab, &training, self.bench)?;
-        let sampled = Sampled::new(&trained, actions, Iteration::Thesis, self.bench)?;
-        self.point(actions, |task| {
-            let fit = sampled.fit(features, task, Iteration::Thesis)?;
-            trips(&trained.model, &fit, (&self.evaluator, task), Reflexes::OFF)
-        })
-    }
-
-    fn true_pose(&self, actions: usize) -> Result<Point, ExperimentError> {
-        let part = self.part(actions);
-        let theory = self.lab.optimal_responses(&part, self.lab.thesis_weight(&part), POSE_FEATURES - 1)?;
-        let features = |poses: &[Pose]| {
-            let waves = theory.evaluate(points(poses).as_ref()).expect("the robot is near the room");
-            Mat::from_fn(POSE_FEATURES, poses.len(), |i, j| if i == 0 { 1.0 } else { waves[(i - 1, j)] })
-        };
-        let phi = features(&part.poses);
-        let sampled = Sampled::whole(self.lab, &part, &phi);
-        self.point(actions, |task| {
-            let Fit { weights, .. } = sampled.fit(POSE_FEATURES, task, Iteration::Ours)?;
-            Ok(self.greedy_trips(task, false, &weights, |situation| features(&[*situation.pose])))
-        })
-    }
-
-    /// IncSFA sees the walk once; policies are made on its features of each of these moments.
-    fn incremental(&self, actions: &[usize], (k, whitened): (usize, usize)) -> Result<Vec<Point>, ExperimentError> {
-        let links = self.lab.links(&self.walked, self.lab.thesis_weight(&self.walked));
-        let mut rng = stream(self.lab.scenario.seed, "incremental features");
-        let options = IncrementalOptions::new(k, whitened);
-        let mut learner = IncrementalSlow::new(self.video.nrows(), options, &mut rng)?;
-        let (mut points, mut seen) = (Vec::new(), 0);
-        for &count in actions {
-            while seen <= count {
-                if seen.is_multiple_of(200) {
-                    self.bench.go_on()?;
-                }
-                let frame: Vec<f64> = self.video.col(seen).iter().map(|&value| scaled(value)).collect();
-                learner.update(&frame, links[seen])?;
-                seen += 1;
-            }
-            let map = learner.map();
-            let of = |x: Mat<f64>| {
-                let phi = map.apply(x.as_ref()).expect("frames are as long as those that were learned from");
-                Mat::from_fn(k + 1, phi.ncols(), |i, j| if i == 0 { 1.0 } else { phi[(i - 1, j)] })
-            };
-            let part = self.part(count);
-            let phi = of(Mat::from_fn(self.video.nrows(), count + 1, |i, j| scaled(self.video[(i, j)])));
-            let sampled = Sampled::whole(self.lab, &part, &phi);
-            points.push(self.point(count, |task| {
-                let Fit { weights, .. } = sampled.fit(k + 1, task, Iteration::Ours)?;
-                Ok(self.greedy_trips(task, true, &weights, |situation| of(pixels(situation))))
-            })?);
-        }
-        Ok(points)
-    }
-
-    /// Stream-Q(λ) drives by itself, from a new random start whenever a goal was reached or an episode is over.
-    fn stream_q(
-        &self,
-        actions: &[usize],
-        f: usize,
-        features: impl Fn(Mat<f64>) -> Mat<f64> + Sync,
-    ) -> Result<Vec<Point>, ExperimentError> {
-        let scenario = &self.lab.scenario;
-        let most = actions.iter().copied().max().unwrap_or(1);
-        let cells: Vec<Point2<f64>> = self.lab.world.plan.reachable_cells().collect();
-        // Of each task, the weights at each of the moments.
-        let mut weights: Vec<Vec<Mat<f64>>> = Vec::new();
-        for (number, task) in scenario.tasks.iter().enumerate() {
-            let named = |what: &str| stream(scenario.seed, &format!("stream-q: {what} of {}", task.name));
-            let (mut explore, mut starts) = (named("choices"), named("starts"));
-            let mut sensor = Sensor::new(scenario, scenario.robot.frame_seconds(), named("camera"));
-            let mut values = StreamQ::new(f, 3, StreamQOptions { gamma: scenario.value.gamma, ..Default::default() })?;
-            let (mut image, mut observer) = (Image::default(), Observer::default());
-            let mut look = |pose: &Pose| -> Vec<f64> {
-                self.lab.world.camera.render_into(pose, &mut image);
-                sensor.expose(&mut image);
-                let mut seen = Observation { frame: 0, pixels: Vec::new() };
-                observer.observe(&image, &scenario.vision, &mut seen.pixels);
-                features(of_observation(&seen)).col(0).iter().copied().collect()
-            };
-            let mut begin = || {
-                let pose = draw_pose(&self.lab.world.plan, &cells, &mut starts, |place| in_goal(task, place));
-                let noise = stream(scenario.seed, &format!("stream-q: motion {}", starts.random::<u64>()));
-                Robot::new(&scenario.robot, pose, noise)
-            };
-            let mut robot = begin();
-            let mut phi = look(&robot.pose);
-            let (mut left, mut taken) = (EPISODE, Vec::new());
-            for done in 1..=most {
-                if done.is_multiple_of(100) {
-                    self.bench.go_on()?;
-                }
-                let share = (2.0 * done as f64 / most as f64).min(1.0);
-                let epsilon = EPSILON.0 + (EPSILON.1 - EPSILON.0) * share;
-                let action = values.choose(&phi, epsilon, &mut explore)?;
-                let motion = robot.draw(Action::ALL[action]);
-                robot.drive(motion, &self.lab.world.arena);
-                let reward = self.lab.world.reward(task, robot.pose.position);
-                let next = look(&robot.pose);
-                let arrived = in_goal(task, robot.pose.position);
-                values.learn(&phi, action, reward, (!arrived).then_some(next.as_slice()))?;
-                left -= 1;
-                phi = next;
-                if arrived || left == 0 {
-                    values.interrupt();
-                    robot = begin();
-                    phi = look(&robot.pose);
-                    left = EPISODE;
-                }
-                if actions.contains(&done) {
-                    taken.push(values.weights().to_owned());
-                }
-            }
-            debug_assert_eq!(weights.len(), number);
-            weights.push(taken);
-        }
-        let point = |(moment, &count): (usize, &usize)| {
-            self.point(count, |task| {
-                let weights = &weights[task][moment];
-                Ok(self.greedy_trips(task, true, weights, |situation| features(pixels(situation))))
-            })
-        };
-        actions.iter().enumerate().map(point).collect()
-    }
-
-    /// Actions that have nothing to do with what is seen.
-    fn random(&self) -> Result<Point, ExperimentError> {
-        let seed = self.lab.scenario.seed;
-        self.point(0, |task| {
-            Ok(self.evaluator.trips(task, false, &|Situation { pose, .. }| {
-                // A choice of its own for each pose: no pose comes twice.
-                let name = format!("random action at {:?}", (pose.position.x.to_bits(), pose.heading.to_bits()));
-                Action::ALL[stream(seed, &name).random_range(0..3)]
-            }))
-        })
-    }
-}
-
-/// Grey levels as numbers of about 1.
-fn scaled(value: f32) -> f64 {
-    f64::from(value) / 128.0
-}
-
-fn of_observation(seen: &Observation) -> Mat<f64> {
-    let values: Vec<f64> = seen.values().map(scaled).collect();
-    Mat::from_fn(values.len(), 1, |i, _| values[i])
-}
-
-/// What is seen in a trial with a camera, `d × 1`.
-fn pixels(situation: &Situation<'_>) -> Mat<f64> {
-    situation.seen.map_or(Mat::zeros(0, 1), of_observation)
 }
 
 /// Our agent: one run, tried with each of its models.
