@@ -41,7 +41,7 @@ pub fn experiment(args: &ExperimentArgs, stop: &AtomicBool) -> Ending {
     };
     if !args.quiet {
         eprintln!(
-            "{name}: {} on two cores; finished settings are kept in {}",
+            "{name} takes {} on two cores; finished settings are kept in {}",
             scope.pick(experiment.lasts),
             scope.cache.display()
         );

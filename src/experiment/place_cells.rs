@@ -30,7 +30,7 @@ use crate::world::{Pose, World};
 pub const EXPERIMENT: Experiment = Experiment {
     name: "place-cells",
     line: "slow features and ICA of a rat's view, slow motion with fast turns and the reverse (figure FranziusPC)",
-    lasts: Sizes { full: "10 min", quick: "4 min", smoke: "seconds" },
+    lasts: Sizes { full: "3 min", quick: "1 min", smoke: "seconds" },
     run,
 };
 

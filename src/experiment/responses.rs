@@ -21,7 +21,7 @@ use crate::world::Pose;
 pub const EXPERIMENT: Experiment = Experiment {
     name: "responses",
     line: "test maps of slow features, their match with optimal responses, mixtures (figures sfa_compare, nomix, mix)",
-    lasts: Sizes { full: "about half an hour", quick: "2 min", smoke: "seconds" },
+    lasts: Sizes { full: "half an hour", quick: "3 min", smoke: "seconds" },
     run,
 };
 

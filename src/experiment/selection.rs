@@ -28,7 +28,7 @@ use crate::slow::SlowModel;
 pub const EXPERIMENT: Experiment = Experiment {
     name: "selection",
     line: "choice of support vectors: ALD, random, MP-MAH, ALD over slow features",
-    lasts: Sizes { full: "about an hour", quick: "6 min", smoke: "seconds" },
+    lasts: Sizes { full: "an hour", quick: "6 min", smoke: "seconds" },
     run,
 };
 

@@ -19,7 +19,7 @@ use crate::slow::LinearStream;
 pub const EXPERIMENT: Experiment = Experiment {
     name: "slowness",
     line: "slowness by number of support vectors, linear SFA, two image sizes (figures SvC and slowness)",
-    lasts: Sizes { full: "about an hour", quick: "3 min", smoke: "seconds" },
+    lasts: Sizes { full: "two hours", quick: "3 min", smoke: "seconds" },
     run,
 };
 
@@ -322,8 +322,9 @@ impl Shown {
             self.curve(IMAGES[0], 1).first().map_or(100.0, |point| point.0),
             self.curve(IMAGES[0], 1).last().map_or(8000.0, |point| point.0),
         );
-        for (colour, of) in [10, 30, 60].into_iter().enumerate() {
-            for (number, image) in IMAGES.into_iter().enumerate() {
+        // Colours of both images, of linear SFA and of the optimum.
+        for (of, colours) in [(10, [0, 3, 1, 6]), (30, [2, 4, 5, 7])] {
+            for (colour, image) in colours.into_iter().zip(IMAGES) {
                 let methods =
                     self.found.keys().filter(|(i, method)| *i == image && matches!(method, Method::Kernel(_)));
                 let points = methods.filter_map(|&(image, method)| {
@@ -331,14 +332,12 @@ impl Shown {
                     Some((vectors, self.band(image, method, |outcome| outcome.mean(of))))
                 });
                 let line = Line::new(format!("{of} features, {} × {}", image.0, image.1), colour, points);
-                if !line.points.is_empty() {
-                    curves.push(if number == 0 { line } else { Line { colour: colour + 3, ..line } });
-                }
+                curves.extend((!line.points.is_empty()).then_some(line));
             }
-            for (method, what) in [(Method::Linear, "linear SFA"), (Method::Optimal, "optimal")] {
-                if let Some(level) = self.mean(IMAGES[0], method, of) {
-                    curves.push(Line::level(format!("{of} features, {what}"), colour, ends, level));
-                }
+            let levels = [(Method::Linear, "linear SFA", colours[2]), (Method::Optimal, "optimal", colours[3])];
+            for (method, what, colour) in levels {
+                let level = self.mean(IMAGES[0], method, of);
+                curves.extend(level.map(|level| Line::level(format!("{of} features, {what}"), colour, ends, level)));
             }
         }
         for (number, (&(image, method), outcomes)) in

@@ -16,7 +16,7 @@ use crate::world::Pose;
 pub const EXPERIMENT: Experiment = Experiment {
     name: "trajectories",
     line: "single trajectories to both goals, with 128 slow features (figure robotest)",
-    lasts: Sizes { full: "about half an hour", quick: "2 min", smoke: "seconds" },
+    lasts: Sizes { full: "half an hour", quick: "3 min", smoke: "seconds" },
     run,
 };
 

@@ -27,7 +27,7 @@ use crate::source::Simulated;
 pub const EXPERIMENT: Experiment = Experiment {
     name: "online",
     line: "success by frames seen: our stream, the batch pipeline, IncSFA, Stream-Q(λ), true pose, random, optimal",
-    lasts: Sizes { full: "about half an hour", quick: "8 min", smoke: "seconds" },
+    lasts: Sizes { full: "half an hour", quick: "8 min", smoke: "seconds" },
     run,
 };
 

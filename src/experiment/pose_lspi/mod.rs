@@ -28,7 +28,7 @@ use crate::world::Pose;
 pub const EXPERIMENT: Experiment = Experiment {
     name: "pose-lspi",
     line: "LSPI over trigonometric features of the true pose, by their number (figure pi_overfitting)",
-    lasts: Sizes { full: "about 15 min", quick: "1 min", smoke: "seconds" },
+    lasts: Sizes { full: "half an hour", quick: "4 min", smoke: "seconds" },
     run,
 };
 
