@@ -48,11 +48,29 @@ impl Shown {
         longest.map(|(first, last, _)| (first, last))
     }
 
-    /// Where policies work.
+    /// The smallest number of features at which the quality depends on the first policy.
+    fn unstable_from(&self, kind: Kind, set: usize) -> Option<usize> {
+        let of_set = self.found.iter().filter(|((k, s, _), _)| (*k, *s) == (kind, set));
+        let unstable = |drawn: &[Fitted]| {
+            band(drawn, |quality| Some(quality.quality)).is_some_and(|band| band.deviation > UNSTABLE)
+        };
+        of_set.filter(|(_, variants)| unstable(&variants[0])).map(|((_, _, d), _)| *d).next()
+    }
+
+    /// Where policies work, and from where on they depend on the first policy.
     pub fn regimes(&self) -> Table {
-        let columns =
-            ["kind", "transitions", "first policy", "from features", "to features", "thesis: from", "thesis: to"];
-        let title = "The working regime: numbers of features with less than one step more than the reference policy";
+        let columns = [
+            "kind",
+            "transitions",
+            "first policy",
+            "from features",
+            "to features",
+            "thesis: from",
+            "thesis: to",
+            "unstable from",
+            "thesis: unstable beyond",
+        ];
+        let title = "Numbers of features with less than one step more than the reference policy; from where on the quality depends on the first policy";
         let mut table = Table::new(title, &columns);
         for (kind, set) in Kind::ALL.into_iter().flat_map(|kind| [(kind, 0), (kind, 1)]) {
             let drawn = self.regime(kind, set, 0);
@@ -64,7 +82,19 @@ impl Shown {
                     cells.push(Cell::maybe(range.map(|(first, _)| first as f64), 0));
                     cells.push(Cell::maybe(range.map(|(_, last)| last as f64), 0));
                 }
-                table.push(cells, says_of_regime(variant, found, drawn, REGIME[set]));
+                let unstable = self.unstable_from(kind, set);
+                let of_drawn =
+                    |number: Option<usize>| Cell::maybe(number.filter(|_| variant == 0).map(|n| n as f64), 0);
+                cells.extend([of_drawn(unstable), of_drawn(Some(REGIME[set].1))]);
+                let mut says = says_of_regime(variant, found, drawn, REGIME[set]);
+                if variant == 0 {
+                    says += if unstable.is_some() {
+                        "; agrees: unstable with many features"
+                    } else {
+                        "; differs: never unstable"
+                    };
+                }
+                table.push(cells, says);
             }
         }
         table
