@@ -9,7 +9,7 @@ use serde::Serialize;
 use super::checkpoint::checkpoint_bytes;
 use super::run::{RunError, RunOptions, run};
 use super::status::Status;
-use crate::log::run::Nowhere;
+use crate::log::Nowhere;
 use crate::log::{LogError, LogOptions, Rotation, RunLog};
 use crate::scenario::{Mode, Scenario, WhenBehind};
 use crate::source::Simulated;

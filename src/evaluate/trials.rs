@@ -229,12 +229,7 @@ impl Evaluator {
 
     /// All trials of a task, one step of all of them at a time: seen and judged side by side, then driven. `frame` says how the
     /// world looks; without it there is no camera.
-    fn drive(
-        &self,
-        task: usize,
-        frame: Option<u64>,
-        choose: &(dyn Fn(&Situation<'_>) -> Action + Sync),
-    ) -> Vec<Trial> {
+    fn drive(&self, task: usize, frame: Option<u64>, choose: &(dyn Fn(&Situation<'_>) -> Action + Sync)) -> Vec<Trial> {
         let mut trials = self.begin(task);
         for _ in 0..self.scenario.evaluate.max_steps {
             let mut active: Vec<&mut Trial> = trials.iter_mut().filter(|trial| !trial.arrived).collect();

@@ -113,9 +113,9 @@ impl Lab {
             if j.is_multiple_of(PATIENCE) {
                 bench.go_on()?;
             }
-            self.world.camera.render_into(pose, &mut image);
+            self.world.looks.camera(0).render_into(pose, &mut image);
             if let Some(sensor) = &mut sensor {
-                sensor.expose(&mut image);
+                sensor.expose(&mut image, 1.0);
             }
             observer.observe(&image, vision, &mut pixels);
             for (entry, &pixel) in frames.col_mut(j).iter_mut().zip(&pixels) {

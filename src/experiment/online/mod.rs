@@ -19,7 +19,7 @@ use super::trained::{Training, train};
 use super::{Band, Bench, Cell, Experiment, ExperimentError, Once, Results, Sizes, Table};
 use crate::agent::{self, RunOptions, Status};
 use crate::evaluate::Evaluator;
-use crate::log::{Folder, LogOptions, Rotation, RunLog};
+use crate::log::{LogOptions, Nowhere, Rotation, RunLog};
 use crate::slow::SlowModel;
 use crate::source::Simulated;
 
@@ -105,29 +105,12 @@ fn our_stream(settings: &Settings, seed: u64, bench: &Bench<'_>) -> Result<Vec<P
     let scenario = stream_scenario(seed, most, settings)?;
     let world = Arc::new(crate::world::World::new(&scenario)?);
     let evaluator = Evaluator::new(scenario.clone(), world.clone(), settings.starts, seed);
-    let work = bench.scope.cache.join(format!("work-{}", std::process::id()));
-    std::fs::create_dir(&work).map_err(ExperimentError::file("create the folder", &work))?;
-    let ran = (|| {
-        let (options, rotation) = (LogOptions::default(), Rotation::NEVER);
-        let log = RunLog::create(Folder::new(&work), &options, rotation, &BTreeMap::new())
-            .map_err(|error| ExperimentError::Run(error.to_string()))?;
-        let status = Status::default();
-        let mut source = Simulated::new(scenario.clone(), world.clone());
-        let options = RunOptions {
-            stop: bench.stop(),
-            status: &status,
-            checkpoint: None,
-            evaluator: Some(&evaluator),
-            recording: None,
-            most_actions: None,
-            keep: None,
-            state: None,
-            curve: Vec::new(),
-        };
-        agent::run(&scenario, &mut source, log, options).map_err(|error| ExperimentError::Run(error.to_string()))
-    })();
-    // The log was only needed to run at all.
-    std::fs::remove_dir_all(&work).map_err(ExperimentError::file("remove", &work))?;
+    let log = RunLog::create(Nowhere, &LogOptions::default(), Rotation::NEVER, &BTreeMap::new());
+    let log = log.map_err(|error| ExperimentError::Run(error.to_string()))?;
+    let status = Status::default();
+    let mut source = Simulated::new(scenario.clone(), world.clone());
+    let options = RunOptions { evaluator: Some(&evaluator), ..RunOptions::new(bench.stop(), &status) };
+    let ran = agent::run(&scenario, &mut source, log, options).map_err(|error| ExperimentError::Run(error.to_string()));
     bench.go_on()?;
     let point = |point: agent::CurvePoint| Point {
         actions: point.actions as usize,
