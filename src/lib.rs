@@ -114,6 +114,7 @@ pub mod replay;
 pub mod report;
 pub mod scenario;
 pub mod slow;
+pub mod soak;
 pub mod source;
 pub mod value;
 pub mod vision;

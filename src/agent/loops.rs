@@ -18,7 +18,7 @@ use super::queue::{Closed, Inbox, Outbox};
 use super::record::{Level, Recorder};
 use super::run::{CurvePoint, RunError};
 use super::status::{Status, resident_bytes};
-use crate::evaluate::{Evaluator, TaskResult};
+use crate::evaluate::{Evaluator, TaskResult, overlap};
 use crate::policy::Learned;
 use crate::scenario::Scenario;
 use crate::source::{Frame, Source};
@@ -26,6 +26,9 @@ use crate::world::Action;
 
 /// How often the run's health goes into the log.
 const HEALTH_INTERVAL: Duration = Duration::from_secs(1);
+
+/// Number of features, from the slowest on, whose drift from model to model is told.
+const DRIFTING: usize = 20;
 
 /// Longest time that the source waits for the state of the run to be on its way.
 const HAND_OVER: Duration = Duration::from_secs(10);
@@ -231,13 +234,19 @@ pub fn assess(
     mut curve: Vec<CurvePoint>,
 ) -> Result<Vec<CurvePoint>, RunError> {
     let every = scenario.evaluate.every as u32;
+    let mut last: Option<faer::Mat<f64>> = None;
     while let Ok((learned, stamp_ns)) = models.take() {
         if let Some(path) = checkpoint {
             write_checkpoint(path, &checkpoint_bytes(&learned, scenario)?)?;
         }
         let Some(evaluator) = evaluator.filter(|_| every > 0 && learned.epoch.is_multiple_of(every)) else { continue };
         let results = evaluator.evaluate(&learned, false);
-        let point = curve_point(&learned, &results, scenario);
+        let features = evaluator.features(&learned, DRIFTING);
+        let before = last.replace(features.clone());
+        // Features that are not finite have no angle.
+        let alike = before.and_then(|before| overlap(before.as_ref(), features.as_ref()).ok());
+        let drift = alike.map(|(mean, _)| mean.clamp(0.0, 1.0).sqrt().acos().to_degrees());
+        let point = curve_point(&learned, &results, scenario, drift);
         status.update(|s| s.success = Some(point.success));
         curve.push(point);
         if record.evaluation(&results, &learned, stamp_ns).is_err() {
@@ -272,7 +281,12 @@ pub fn keep(
 }
 
 /// One evaluation as a point of the curve.
-fn curve_point(learned: &Learned, results: &[TaskResult], scenario: &Scenario) -> CurvePoint {
+fn curve_point(
+    learned: &Learned,
+    results: &[TaskResult],
+    scenario: &Scenario,
+    feature_drift_deg: Option<f64>,
+) -> CurvePoint {
     let tasks = results.len() as f64;
     let slowness = &learned.model.slowness;
     CurvePoint {
@@ -282,6 +296,7 @@ fn curve_point(learned: &Learned, results: &[TaskResult], scenario: &Scenario) -
         success: results.iter().map(|result| result.success).sum::<f64>() / tasks,
         convergence_quality: results.iter().map(|result| result.convergence_quality).sum::<f64>() / tasks,
         slowness_mean: slowness.iter().sum::<f64>() / slowness.len() as f64,
+        feature_drift_deg,
     }
 }
 

@@ -114,6 +114,9 @@ pub struct CurvePoint {
     pub convergence_quality: f64,
     /// Slowness of the features, mean, 1/s².
     pub slowness_mean: f64,
+    /// Root mean square angle between the spans of the slowest features (20 at most) of this model and the one evaluated
+    /// before, degrees; `None` for the first.
+    pub feature_drift_deg: Option<f64>,
 }
 
 /// What a run came to.

@@ -15,6 +15,7 @@ use crate::log::{LogOptions, Rotation, RunLog};
 use crate::parts::Parts;
 use crate::report::{Origin, Program, Report, table};
 use crate::scenario::Scenario;
+use crate::soak::Sampler;
 use crate::source::Source;
 use crate::world::World;
 
@@ -40,6 +41,8 @@ pub struct Drive<'a> {
     pub evaluate: bool,
     /// Whether there is a page with drawings at the end.
     pub report: bool,
+    /// Who watches the run.
+    pub sampler: Option<&'a Sampler>,
     pub origin: Origin,
     /// Whether the state of the run is put away now and then, so that it can go on from there.
     pub keep: bool,
@@ -58,7 +61,8 @@ impl Drive<'_> {
         let evaluator = self.evaluate.then(|| Evaluator::new(scenario.clone(), world.clone(), starts, scenario.seed));
         let (checkpoint, state) = (self.run.join(CHECKPOINT_NAME), self.run.join(STATE_NAME));
         let most = self.most_actions.unwrap_or(u64::MAX).min(scenario.actions as u64);
-        let outcome = watched(self.quiet, self.likely_actions.unwrap_or(u64::MAX).min(most), |status| {
+        let likely = self.likely_actions.unwrap_or(u64::MAX).min(most);
+        let outcome = watched(self.quiet, likely, self.sampler, |status| {
             let options = RunOptions {
                 checkpoint: Some(&checkpoint),
                 evaluator: evaluator.as_ref(),
@@ -115,10 +119,13 @@ impl Drive<'_> {
     }
 }
 
-/// Do something with its progress on stderr, unless `quiet`.
-pub fn watched<R>(quiet: bool, actions: u64, work: impl FnOnce(&Status) -> R) -> R {
+/// Do something with its progress on stderr, unless `quiet`, and watched by a sampler, if there is one.
+pub fn watched<R>(quiet: bool, actions: u64, sampler: Option<&Sampler>, work: impl FnOnce(&Status) -> R) -> R {
     let (status, over) = (Status::default(), AtomicBool::new(false));
     std::thread::scope(|scope| {
+        if let Some(sampler) = sampler {
+            scope.spawn(|| sampler.watch(&status, &over));
+        }
         if !quiet {
             scope.spawn(|| progress::show(&status, actions, &over));
         }

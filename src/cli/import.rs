@@ -61,6 +61,7 @@ pub fn import(args: &ReplayArgs, file: &Path, stop: &AtomicBool) -> Ending {
             report: !args.no_report,
             origin,
             keep: false,
+            sampler: None,
             state: None,
             curve: Vec::new(),
         };

@@ -17,6 +17,7 @@ mod replay;
 mod report;
 mod resume;
 mod run;
+mod soak;
 mod steps;
 
 use std::io::{ErrorKind, Write};
@@ -88,6 +89,8 @@ pub enum Command {
     Export(ExportArgs),
     /// Repeat an experiment of the thesis, with its own figures beside ours; without a name, list them.
     Experiment(ExperimentArgs),
+    /// Drive for many simulated hours, watched, and judge the run: memory, losses, latencies, success over time.
+    Soak(SoakArgs),
 }
 
 /// Arguments of `adagio run`.
@@ -114,6 +117,31 @@ pub struct RunArgs {
     #[arg(long)]
     pub quiet: bool,
     /// Print report.json instead of a table.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `adagio soak`.
+#[derive(Debug, Args)]
+pub struct SoakArgs {
+    /// Scenario file.
+    pub scenario: PathBuf,
+    /// Hours of driving, as the robot's clock tells them; a simulation is as fast as it can.
+    #[arg(long, value_name = "H")]
+    pub hours: f64,
+    /// Seed of all random streams (the same as --set seed=N).
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Folder for the run, which must not exist yet [default: a new one under logs/].
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Change a key of the scenario; repeatable.
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+    /// No progress on stderr.
+    #[arg(long)]
+    pub quiet: bool,
+    /// Print soak.json instead of a table.
     #[arg(long)]
     pub json: bool,
 }
@@ -328,7 +356,9 @@ pub enum ExportFormat {
 /// What a command finishes when it is interrupted, if there is anything.
 pub fn finishes(command: &Command) -> Option<&'static str> {
     match command {
-        Command::Run(_) | Command::Replay(_) | Command::Resume(_) => Some("the log is closed and the report written"),
+        Command::Run(_) | Command::Replay(_) | Command::Resume(_) | Command::Soak(_) => {
+            Some("the log is closed and the report written")
+        }
         Command::Experiment(_) => Some("what is done is kept"),
         _ => None,
     }
@@ -348,6 +378,7 @@ pub fn dispatch(cli: Cli, stop: &AtomicBool) -> Ending {
         Command::Report(args) => report::report(&args),
         Command::Export(args) => export::export(&args),
         Command::Experiment(args) => experiment::experiment(&args, stop),
+        Command::Soak(args) => soak::soak(&args, stop),
     }
 }
 

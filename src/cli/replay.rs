@@ -99,6 +99,7 @@ fn again(
             report: !args.no_report,
             origin,
             keep: false,
+            sampler: None,
             state: None,
             curve: Vec::new(),
         };
@@ -162,7 +163,7 @@ fn compared(
     let mut source = Recorded::new(scenario.clone(), world, recording.records());
     // A recording that was not closed may end in the middle of an action, or before a decision.
     let most_actions = recording.course.decisions() + u64::from(!recording.closed);
-    let outcome = watched(args.quiet, most_actions, |status| {
+    let outcome = watched(args.quiet, most_actions, None, |status| {
         let options = RunOptions {
             recording: Some(&recording.course),
             most_actions: Some(most_actions),

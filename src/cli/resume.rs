@@ -113,6 +113,7 @@ fn go_on(
         report: !args.no_report,
         origin,
         keep: true,
+        sampler: None,
         state: kept.map(|kept| kept.parts),
         curve,
     };

@@ -10,6 +10,7 @@ use crate::agent::{self, Memory};
 use crate::log::{Folder, RunLog};
 use crate::report::{Origin, Report};
 use crate::scenario::{OverMemory, Scenario, ScenarioError};
+use crate::soak::Sampler;
 use crate::source::Simulated;
 use crate::world::World;
 
@@ -26,7 +27,8 @@ pub fn run(args: &RunArgs, stop: &AtomicBool) -> Ending {
         Ok(run) => run,
         Err(ending) => return ending,
     };
-    drive::ending(in_folder(&scenario, &run, args, stop), &run, args.json)
+    let extras = Extras { quiet: args.quiet, report: !args.no_report, sampler: None };
+    drive::ending(in_folder(&scenario, &run, &extras, stop), &run, args.json)
 }
 
 /// Read a scenario; a file that cannot be read, or is not valid, or needs more memory than there is, is wrong usage.
@@ -78,7 +80,22 @@ fn largest_budget(scenario: &Scenario, allowed: u64) -> Option<usize> {
     (SMALLEST_BUDGET..=scenario.dictionary.budget).rev().find(fits)
 }
 
-fn in_folder(scenario: &Arc<Scenario>, run: &Path, args: &RunArgs, stop: &AtomicBool) -> Result<Report, String> {
+/// What a run is given beside its scenario and folder.
+pub struct Extras<'a> {
+    pub quiet: bool,
+    /// Whether report.html is written at the end.
+    pub report: bool,
+    /// Who watches it.
+    pub sampler: Option<&'a Sampler>,
+}
+
+/// Run a scenario in a folder that was made for it. The error is one for people.
+pub fn in_folder(
+    scenario: &Arc<Scenario>,
+    run: &Path,
+    extras: &Extras<'_>,
+    stop: &AtomicBool,
+) -> Result<Report, String> {
     drive::write(run, "scenario.toml", scenario.text.as_bytes())?;
     let (origin, (options, rotation)) = (Origin::default(), log_options(scenario));
     let log = RunLog::create(Folder::new(run), &options, rotation, &metadata(scenario, &origin));
@@ -90,12 +107,13 @@ fn in_folder(scenario: &Arc<Scenario>, run: &Path, args: &RunArgs, stop: &Atomic
         world: &world,
         run,
         stop,
-        quiet: args.quiet,
+        quiet: extras.quiet,
         recording: None,
         most_actions: None,
         likely_actions: None,
         evaluate: true,
-        report: !args.no_report,
+        report: extras.report,
+        sampler: extras.sampler,
         origin,
         keep: true,
         state: None,

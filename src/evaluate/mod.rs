@@ -4,9 +4,11 @@
 //! random stream of their own, never from states that were seen in training.
 
 mod decode;
+mod spans;
 mod trials;
 
 pub use decode::{PoseDecode, PoseError, decode_pose};
+pub use spans::overlap;
 pub use trials::{Evaluator, Situation, TaskResult, Trip, Unaided};
 
 use nalgebra::{Point2, Vector2};

@@ -1,16 +1,17 @@
 //! Trials: from random starts to a goal, many side by side.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
+use faer::{Mat, Par};
 use nalgebra::Point2;
 use rayon::prelude::*;
 use serde::Serialize;
 
 use super::{draw_pose, wilson_low};
-use crate::policy::{Learned, Recent, Reflexes, optimal_steps, reference_action};
+use crate::policy::{Learned, Recent, Reflexes, columns, optimal_steps, reference_action};
 use crate::random::{fix_parallelism, stream};
 use crate::scenario::{Scenario, Task};
-use crate::vision::{Observation, Observer};
+use crate::vision::{Observation, Observer, observe};
 use crate::world::{Action, Image, Pose, Robot, Sensor, World, in_goal};
 
 /// Results of one task, as in `report.json`.
@@ -114,14 +115,23 @@ pub struct Evaluator {
     starts: Vec<Vec<Pose>>,
     optimal: Vec<Vec<Option<usize>>>,
     reference: Vec<f64>,
+    /// What a camera without noise sees at all starts, in the world as it looks at first.
+    seen: OnceLock<Vec<Observation>>,
 }
 
 impl Evaluator {
     /// Draw `starts` starts per task, outside its goal, and search their optimal steps.
     pub fn new(scenario: Arc<Scenario>, world: Arc<World>, starts: usize, seed: u64) -> Self {
         fix_parallelism();
-        let mut evaluator =
-            Evaluator { scenario, world, seed, starts: Vec::new(), optimal: Vec::new(), reference: Vec::new() };
+        let mut evaluator = Evaluator {
+            scenario,
+            world,
+            seed,
+            starts: Vec::new(),
+            optimal: Vec::new(),
+            reference: Vec::new(),
+            seen: OnceLock::new(),
+        };
         let most = evaluator.scenario.evaluate.max_steps;
         let cells: Vec<Point2<f64>> = evaluator.world.plan.reachable_cells().collect();
         for task in &evaluator.scenario.tasks {
@@ -157,6 +167,19 @@ impl Evaluator {
                 (result, self.ways(task, trials))
             })
             .collect()
+    }
+
+    /// The slowest features of a model, at most `most` of them, at all starts, features × starts: what
+    /// [`overlap`](super::overlap) compares from model to model. They are at most a quarter of the starts, since any features that
+    /// are as many as these span all there is.
+    pub fn features(&self, learned: &Learned, most: usize) -> Mat<f64> {
+        let seen = self.seen.get_or_init(|| {
+            let look = |pose: &Pose| observe(&self.world.looks.camera(0).render(pose), &self.scenario.vision, 0);
+            self.starts.par_iter().flatten().map(look).collect()
+        });
+        let phi = learned.features(columns(seen.iter()).as_ref(), Par::Seq);
+        // The first one is constant.
+        phi.subrows(1, most.min(phi.ncols() / 4).min(phi.nrows().saturating_sub(1))).to_owned()
     }
 
     fn result(&self, task: usize, outcome: &Outcome, unaided: Option<&Outcome>) -> TaskResult {

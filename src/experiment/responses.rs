@@ -5,13 +5,13 @@
 //! may mix, so single features are compared with single responses and with pairs of them, and whole sets of features with
 //! sets of responses, by the angles between the subspaces that they span.
 
-use faer::Mat;
+use faer::{Mat, MatRef};
 use serde::{Deserialize, Serialize};
 
 use super::lab::{FRAMES, Lab, points};
 use super::maps::{Grid, HEADINGS, Map, sheet};
 use super::plot::{Line, Scale, chart};
-use super::spans::{best_pair, by_place, overlap, standardised};
+use super::spans::{best_pair, by_place, standardised};
 use super::trained::{Training, train};
 use super::{Band, Bench, Cell, Experiment, ExperimentError, Results, Sizes, Table};
 use crate::slow::theory::Response;
@@ -122,12 +122,12 @@ fn compute(lab: &Lab, settings: &Settings, bench: &Bench<'_>) -> Result<Outcome,
             by_place: by_place(f.row(i).iter().copied(), places),
             best: (names[best], row[best].abs()),
             pair: ([names[pair[0]], names[pair[1]]], weights, share),
-            explained: overlap(f.subrows(i, 1), r.as_ref())?.0,
+            explained: overlapping(f.subrows(i, 1), r.as_ref())?.0,
         })
     };
     let count = f.nrows().min(SINGLE);
     let sets = settings.sets.iter().copied().filter(|&size| size <= f.nrows().min(names.len())).map(|size| {
-        let (overlap, largest) = overlap(f.subrows(0, size), r.subrows(0, size))?;
+        let (overlap, largest) = overlapping(f.subrows(0, size), r.subrows(0, size))?;
         Ok(Subspaces { size, overlap, largest_deg: largest.to_degrees() })
     });
     // The pictures need no finer grid than this.
@@ -362,4 +362,10 @@ fn plots(outcome: &Outcome, lab: &Lab, outcomes: &[Outcome]) -> Result<Vec<(Stri
         ),
         ("overlap.svg".into(), overlap),
     ])
+}
+
+/// As [`overlap`](crate::evaluate::overlap), with this module's errors.
+fn overlapping(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Result<(f64, f64), ExperimentError> {
+    let failed = |_| ExperimentError::Decomposition("the singular values of two subspaces");
+    crate::evaluate::overlap(a, b).map_err(failed)
 }

@@ -233,6 +233,8 @@ impl Recording {
                 success: results.iter().map(|result| result.0).sum::<f64>() / tasks as f64,
                 convergence_quality: results.iter().map(|result| result.1).sum::<f64>() / tasks as f64,
                 slowness_mean: model.slowness.iter().sum::<f64>() / model.slowness.len() as f64,
+                // Models themselves are not in the log.
+                feature_drift_deg: None,
             })
             .collect()
     }

@@ -43,6 +43,18 @@ pub enum Happens {
     },
 }
 
+impl std::fmt::Display for Happens {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Happens::Light { factor, over: 0 } => write!(f, "light × {factor}"),
+            Happens::Light { factor, over } => write!(f, "light × {factor}, within {over} actions"),
+            Happens::Paper { wall, .. } => write!(f, "wall {wall} is papered anew"),
+            Happens::Freeze { frames } => write!(f, "the camera freezes for {frames} frames"),
+            Happens::Lose { frames } => write!(f, "the camera loses frames for {frames} frames"),
+        }
+    }
+}
+
 impl Change {
     pub(super) fn read(s: &mut Section<'_, '_>, base: &Path, index: usize) -> Self {
         #[derive(Clone, Copy)]

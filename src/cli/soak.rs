@@ -1,0 +1,97 @@
+//! `adagio soak SCENARIO --hours H`
+
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use super::run::{Extras, in_folder, load};
+use super::{Ending, SoakArgs, drive, folder, print, print_json};
+use crate::log::{Ending as LogEnding, log_files, summarise};
+use crate::report::Report;
+use crate::scenario::{Happens, Scenario};
+use crate::soak::{Sampler, Soak, judge, page};
+
+/// Longest soak test, hours: ten years.
+const MOST_HOURS: f64 = 87_600.0;
+
+/// Run a scenario for so many hours of driving, watched, and judge the run.
+pub fn soak(args: &SoakArgs, stop: &AtomicBool) -> Ending {
+    if !(args.hours > 0.0 && args.hours <= MOST_HOURS) {
+        return Ending::Usage(format!("--hours {} is not allowed: it must be in (0, {MOST_HOURS}]", args.hours));
+    }
+    let mut sets = args.set.clone();
+    sets.extend(args.seed.map(|seed| format!("seed={seed}")));
+    let first = match load(&args.scenario, &sets) {
+        Ok(scenario) => scenario,
+        Err(ending) => return ending,
+    };
+    sets.push(format!("actions={}", (args.hours * 3600.0 / first.robot.action_seconds).ceil()));
+    let scenario = match load(&args.scenario, &sets) {
+        Ok(scenario) => Arc::new(scenario),
+        Err(ending) => return ending,
+    };
+    let run = match folder::create(args.out.as_deref(), &scenario) {
+        Ok(run) => run,
+        Err(ending) => return ending,
+    };
+    let sampler = Sampler::new(&run, scenario.actions as u64, scenario.robot.action_seconds);
+    let extras = Extras { quiet: args.quiet, report: true, sampler: Some(&sampler) };
+    let soak = in_folder(&scenario, &run, &extras, stop)
+        .and_then(|report| judged(&scenario, &run, &report, &sampler).map_err(|reason| reason.to_string()));
+    let soak = match soak {
+        Ok(soak) => soak,
+        Err(reason) => return Ending::Failed(format!("{reason}\nwhat was recorded is kept in {}", run.display())),
+    };
+    let printed = if args.json {
+        print_json(&soak)
+    } else {
+        print(&format!("{}kept in {}\n", soak.text(), run.join("soak.html").display()))
+    };
+    let failing: Vec<&str> = soak.rules.iter().filter(|rule| !rule.holds).map(|rule| rule.rule.as_str()).collect();
+    match printed {
+        Ending::Done if !failing.is_empty() => Ending::Failed(format!("it should be that {}", failing.join("; that "))),
+        printed => printed,
+    }
+}
+
+fn judged(scenario: &Scenario, run: &Path, report: &Report, sampler: &Sampler) -> Result<Soak, String> {
+    let mut damage = report.log.failures.clone();
+    for (number, path) in log_files(run).map_err(|error| format!("cannot read {}: {error}", run.display()))? {
+        let summary = summarise(&path).map_err(|error| error.to_string())?;
+        if summary.ending != LogEnding::Complete || summary.damaged > 0 {
+            damage.push(format!("file {number} of the log is not whole"));
+        }
+    }
+    let samples = sampler.samples();
+    let hour = |actions: f64| actions * scenario.robot.action_seconds / 3600.0;
+    let curve: Vec<_> = report.curve.iter().map(|point| (hour(point.actions as f64), point.clone())).collect();
+    let done = report.run.actions;
+    let happened = scenario.changes.iter().filter(|change| (change.action as u64) < done);
+    let changes: Vec<_> =
+        happened.clone().map(|change| (hour(change.action as f64), change.what.to_string())).collect();
+    let per_action = scenario.robot.frames_per_action;
+    let lost = |what: &Happens| match what {
+        // All but the last ones of actions.
+        Happens::Lose { frames } => (frames - frames / per_action) as u64,
+        _ => 0,
+    };
+    let lost_on_purpose = happened.map(|change| lost(&change.what)).sum();
+    let hours: Vec<f64> = changes.iter().map(|change| change.0).collect();
+    let rules = judge(&samples, &curve, &damage, lost_on_purpose, &hours);
+    let soak = Soak {
+        scenario: scenario.name.clone(),
+        seed: scenario.seed,
+        hours: hour(done as f64),
+        seconds: report.run.seconds,
+        passed: rules.iter().all(|rule| rule.holds),
+        rules,
+        changes,
+        samples,
+        curve,
+    };
+    let json = serde_json::to_string_pretty(&soak).map_err(|error| error.to_string())?;
+    drive::write(run, "soak.json", json.as_bytes())?;
+    let html = page(&soak).map_err(|error| format!("there is no soak.html: {error}"))?;
+    drive::write(run, "soak.html", html.as_bytes())?;
+    Ok(soak)
+}
