@@ -54,7 +54,7 @@ pub enum ExperimentError {
     /// The scenario with the experiment's changes.
     #[error(transparent)]
     Scenario(#[from] ScenarioError),
-    /// A texture of the scenario.
+    /// A texture of the scenario, or a map.
     #[error(transparent)]
     Texture(#[from] image::ImageError),
     /// No kernel width gives the number of support vectors that is asked for.

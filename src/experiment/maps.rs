@@ -2,9 +2,14 @@
 
 use std::fmt::Write as _;
 
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+use image::codecs::png::PngEncoder;
+use image::{ExtendedColorType, ImageEncoder as _};
 use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 
+use super::ExperimentError;
 use super::lab::Lab;
 use crate::scenario::{Task, plan_segments};
 use crate::world::Pose;
@@ -60,7 +65,10 @@ const HEAD: f64 = 16.0;
 /// Maps in lines, blue below zero, red above; all maps of a line have one scale.
 ///
 /// `aspect`: height of the room by its width. Each map is a grid of `grid`.
-pub fn sheet(title: &str, grid: Grid, aspect: f64, lines: &[Vec<Map>]) -> String {
+///
+/// # Errors
+/// None that the encoder has for images of this size.
+pub fn sheet(title: &str, grid: Grid, aspect: f64, lines: &[Vec<Map>]) -> Result<String, ExperimentError> {
     let columns = lines.iter().map(Vec::len).max().unwrap_or(0);
     let (wide, high) = (MAP_WIDTH, MAP_WIDTH * aspect);
     let width = columns as f64 * (wide + GAP) + GAP;
@@ -77,29 +85,39 @@ pub fn sheet(title: &str, grid: Grid, aspect: f64, lines: &[Vec<Map>]) -> String
                 top + 11.0,
                 escaped(&map.name)
             );
-            let (dx, dy) = (wide / grid.width as f64, high / grid.height as f64);
-            for (place, value) in map.values.iter().enumerate() {
-                let Some(value) = value else { continue };
-                // The y axis points up.
-                let (x, y) = (place % grid.width, grid.height - 1 - place / grid.width);
-                let (x, y) = (left + x as f64 * dx, top + HEAD + y as f64 * dy);
-                // Half a pixel more than the place, so that no white lines show between places.
-                let (w, h) = (dx + 0.5, dy + 0.5);
-                let fill = colour(value / largest.max(f64::MIN_POSITIVE));
-                let _ =
-                    write!(svg, "<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{w:.1}\" height=\"{h:.1}\" fill=\"{fill}\"/>");
-            }
+            // One pixel for each place, whatever the size of the picture.
+            let _ = writeln!(
+                svg,
+                "<image x=\"{left:.1}\" y=\"{:.1}\" width=\"{wide:.1}\" height=\"{high:.1}\" preserveAspectRatio=\"none\" \
+                 style=\"image-rendering: pixelated\" href=\"data:image/png;base64,{}\"/>",
+                top + HEAD,
+                STANDARD.encode(png(map, grid, largest)?)
+            );
         }
     }
-    svg + "</svg>\n"
+    Ok(svg + "</svg>\n")
+}
+
+/// A map as a PNG image, a pixel for each place; the y axis points up.
+fn png(map: &Map, grid: Grid, largest: f64) -> Result<Vec<u8>, image::ImageError> {
+    let mut pixels = Vec::with_capacity(4 * grid.places());
+    for row in (0..grid.height).rev() {
+        for value in &map.values[row * grid.width..(row + 1) * grid.width] {
+            let [r, g, b] = colour(value.unwrap_or(0.0) / largest.max(f64::MIN_POSITIVE));
+            pixels.extend([r, g, b, if value.is_some() { 255 } else { 0 }]);
+        }
+    }
+    let mut bytes = Vec::new();
+    let (width, height) = (grid.width as u32, grid.height as u32);
+    PngEncoder::new(&mut bytes).write_image(&pixels, width, height, ExtendedColorType::Rgba8)?;
+    Ok(bytes)
 }
 
 /// From blue (−1) over white (0) to red (1).
-fn colour(share: f64) -> String {
+fn colour(share: f64) -> [u8; 3] {
     let share = share.clamp(-1.0, 1.0);
     let ends = if share < 0.0 { [38.0, 92.0, 168.0] } else { [190.0, 40.0, 46.0] };
-    let [r, g, b] = ends.map(|end| (255.0 + (end - 255.0) * share.abs()).round() as u8);
-    format!("#{r:02x}{g:02x}{b:02x}")
+    ends.map(|end| (255.0 + (end - 255.0) * share.abs()).round() as u8)
 }
 
 fn escaped(text: &str) -> String {
@@ -185,15 +203,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_sheet_has_a_rectangle_for_each_value_in_its_colour() {
+    fn a_sheet_has_a_pixel_for_each_value_in_its_colour() {
         let map = Map { name: "φ < 1".into(), values: vec![Some(-2.0), Some(1.0), None, Some(0.0)] };
-        let svg = sheet("Title", Grid { width: 2, height: 2 }, 0.6, &[vec![map]]);
+        let svg = sheet("Title", Grid { width: 2, height: 2 }, 0.6, &[vec![map]]).unwrap();
         let document = roxmltree::Document::parse(&svg).unwrap();
-        let fills: Vec<&str> = document
-            .descendants()
-            .filter(|node| node.has_tag_name("rect"))
-            .filter_map(|node| node.attribute("fill"))
-            .collect();
-        assert_eq!(fills, ["white", "#265ca8", "#df9497", "#ffffff"]);
+        let image = document.descendants().find(|node| node.has_tag_name("image")).unwrap();
+        let encoded = image.attribute("href").unwrap().strip_prefix("data:image/png;base64,").unwrap();
+        let pixels = image::load_from_memory(&STANDARD.decode(encoded).unwrap()).unwrap().to_rgba8();
+        // The upper row is that of the larger y.
+        assert_eq!(pixels.get_pixel(0, 1).0, [38, 92, 168, 255]);
+        assert_eq!(pixels.get_pixel(1, 1).0, [223, 148, 151, 255]);
+        assert_eq!((pixels.get_pixel(0, 0).0[3], pixels.get_pixel(1, 0).0), (0, [255; 4]));
     }
 }

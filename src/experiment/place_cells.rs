@@ -366,10 +366,10 @@ fn plots(found: &[Vec<Outcome>; 2], lab: &Lab, grid: Grid) -> Result<Vec<(String
         let mut all = lines("feature", &outcome.features);
         all.extend(lines("cell", &outcome.cells));
         let title = format!("{}: slow features above, components below; means over headings", MOTIONS[number].0);
-        (names[number].to_owned(), sheet(&title, grid, aspect, &all))
+        Ok((names[number].to_owned(), sheet(&title, grid, aspect, &all)?))
     };
     let firsts = found.iter().enumerate().filter_map(|(number, outcomes)| Some((number, outcomes.first()?)));
-    let mut plots: Vec<(String, String)> = firsts.map(sheet_of).collect();
+    let mut plots: Vec<(String, String)> = firsts.map(sheet_of).collect::<Result<_, ExperimentError>>()?;
     if let Some(outcome) = found[1].first() {
         let line = |(i, tuning): (usize, &Vec<f64>)| {
             // Once round, with the first heading again at the end.

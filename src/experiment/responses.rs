@@ -350,7 +350,7 @@ fn plots(outcome: &Outcome, lab: &Lab, outcomes: &[Outcome]) -> Result<Vec<(Stri
         &[sets],
     )?;
     Ok(vec![
-        ("compare.svg".into(), sheet("The first features in two opposite directions", outcome.grid, aspect, &compare)),
+        ("compare.svg".into(), sheet("The first features in two opposite directions", outcome.grid, aspect, &compare)?),
         (
             "mixtures.svg".into(),
             sheet(
@@ -358,7 +358,7 @@ fn plots(outcome: &Outcome, lab: &Lab, outcomes: &[Outcome]) -> Result<Vec<(Stri
                 outcome.grid,
                 aspect,
                 &matched,
-            ),
+            )?,
         ),
         ("overlap.svg".into(), overlap),
     ])
