@@ -205,7 +205,7 @@ mod tests {
         let text = table.text();
         let lines: Vec<&str> = text.lines().collect();
         assert_eq!(lines[2], "      10  2.0 [1.2, 2.8]                 not in the thesis");
-        assert_eq!(lines[3], "     200             0.50  < 1            agrees, | below 1");
+        assert_eq!(lines[3], "     200            0.50  < 1            agrees, | below 1");
         assert!(table.markdown().contains("| 200 | 0.50 | < 1 | agrees, \\| below 1 |"));
         assert!(
             table.csv().starts_with("features,steps,\"steps, p10\",\"steps, p90\",thesis: steps,against the thesis\n")
