@@ -49,7 +49,7 @@ struct Settings {
 pub struct Outcome {
     /// Support vectors.
     pub support_vectors: usize,
-    /// Policies, in the order of [`Iteration::ALL`].
+    /// Policies: the thesis's iteration, then ours.
     pub policies: Vec<Policy>,
 }
 
