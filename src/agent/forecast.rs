@@ -42,7 +42,7 @@ pub struct LogForecast {
 }
 
 impl LogForecast {
-    /// Measure, which takes about a second.
+    /// Measure, which takes one to three seconds.
     ///
     /// # Errors
     /// As [`run`], without anything to do with files.

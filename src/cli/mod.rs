@@ -68,7 +68,8 @@ Exit codes: 0 done, 1 failed, 2 wrong usage or an invalid scenario, 3 finished w
 pub enum Command {
     /// Explore, learn, act and log in one continuous run.
     Run(RunArgs),
-    /// Check a scenario and print it with every default filled in, or check a run's log for damage.
+    /// Check a scenario, say what memory and log it needs and print it with every default filled in; or check a run's log for
+    /// damage.
     Check(CheckArgs),
     /// Say what a run folder or log holds.
     Info(InfoArgs),
@@ -126,7 +127,8 @@ pub struct RunArgs {
 pub struct SoakArgs {
     /// Scenario file.
     pub scenario: PathBuf,
-    /// Hours of driving, as the robot's clock tells them; a simulation is as fast as it can.
+    /// Hours of driving, as the robot's clock tells them; a simulation is as fast as it can. A quarter of them should fill the
+    /// dictionary and the window of transitions, or memory still grows after it.
     #[arg(long, value_name = "H")]
     pub hours: f64,
     /// Seed of all random streams (the same as --set seed=N).

@@ -8,7 +8,7 @@ use super::run::{Extras, in_folder, load};
 use super::{Ending, SoakArgs, drive, folder, print, print_json};
 use crate::log::{Ending as LogEnding, log_files, summarise};
 use crate::report::Report;
-use crate::scenario::{Happens, Scenario};
+use crate::scenario::{Change, Happens, Scenario};
 use crate::soak::{Sampler, Soak, judge, page};
 
 /// Longest soak test, hours: ten years.
@@ -21,9 +21,10 @@ pub fn soak(args: &SoakArgs, stop: &AtomicBool) -> Ending {
     }
     let mut sets = args.set.clone();
     sets.extend(args.seed.map(|seed| format!("seed={seed}")));
-    let first = match load(&args.scenario, &sets) {
+    // Its length is not known yet, nor what memory it needs.
+    let first = match Scenario::load(&args.scenario, &sets) {
         Ok(scenario) => scenario,
-        Err(ending) => return ending,
+        Err(error) => return Ending::Usage(error.to_string()),
     };
     sets.push(format!("actions={}", (args.hours * 3600.0 / first.robot.action_seconds).ceil()));
     let scenario = match load(&args.scenario, &sets) {
@@ -70,12 +71,15 @@ fn judged(scenario: &Scenario, run: &Path, report: &Report, sampler: &Sampler) -
     let changes: Vec<_> =
         happened.clone().map(|change| (hour(change.action as f64), change.what.to_string())).collect();
     let per_action = scenario.robot.frames_per_action;
-    let lost = |what: &Happens| match what {
-        // All but the last ones of actions.
-        Happens::Lose { frames } => (frames - frames / per_action) as u64,
+    let lost = |change: &Change| match change.what {
+        // All but the last ones of actions, up to the end of the run.
+        Happens::Lose { frames } => {
+            let frames = frames.min((done as usize).saturating_sub(change.action) * per_action);
+            (frames - frames / per_action) as u64
+        }
         _ => 0,
     };
-    let lost_on_purpose = happened.map(|change| lost(&change.what)).sum();
+    let lost_on_purpose = happened.map(lost).sum();
     let hours: Vec<f64> = changes.iter().map(|change| change.0).collect();
     let rules = judge(&samples, &curve, &damage, lost_on_purpose, &hours);
     let soak = Soak {

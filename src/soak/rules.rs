@@ -31,8 +31,8 @@ impl Judged {
     }
 }
 
-/// Judge a run by its samples, by its evaluations with the hour of each, by the share of each file of its log that is whole
-/// (`(file, complaint)` for what is not), by frames that the scenario itself lost, and by the hours at which it changed.
+/// Judge a run by its samples, by its evaluations with the hour of each, by what is wrong with its log, by the number of frames
+/// that the scenario itself lost, and by the hours at which it changed something.
 pub fn judge(
     samples: &[Sample],
     curve: &[(f64, CurvePoint)],

@@ -192,6 +192,17 @@ pub(super) fn size(what: &'static str, rows: usize, columns: usize) -> Result<()
     }
 }
 
+/// There must be features and actions, and few enough for their weights to be stored.
+pub(super) fn weights(features: usize, actions: usize) -> Result<(), ValueError> {
+    if features == 0 {
+        return Err(ValueError::Features { what: "phi", found: 0, expected: 1 });
+    }
+    if actions == 0 {
+        return Err(ValueError::NoActions);
+    }
+    size("the weights", features, actions)
+}
+
 /// `name` must lie in `range`, which `inside` tells.
 pub(super) fn parameter(name: &'static str, value: f64, inside: bool, range: &'static str) -> Result<(), ValueError> {
     if inside { Ok(()) } else { Err(ValueError::Parameter { name, value, range }) }

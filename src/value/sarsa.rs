@@ -3,7 +3,7 @@
 use faer::{Mat, MatRef};
 use rand::{Rng, RngExt};
 
-use super::error::{discount_or_one, finite_list, parameter, size};
+use super::error::{discount_or_one, finite_list, parameter, weights};
 use super::{ValueError, greedy};
 
 /// Options of [`Sarsa`].
@@ -50,13 +50,7 @@ impl Sarsa {
     /// # Errors
     /// No features or actions, or too many; options outside their ranges.
     pub fn new(features: usize, actions: usize, options: SarsaOptions) -> Result<Self, ValueError> {
-        if features == 0 {
-            return Err(ValueError::Features { what: "phi", found: 0, expected: 1 });
-        }
-        if actions == 0 {
-            return Err(ValueError::NoActions);
-        }
-        size("the weights", features, actions)?;
+        weights(features, actions)?;
         discount_or_one(options.gamma)?;
         parameter("step", options.step, options.step > 0.0 && options.step.is_finite(), "> 0 and finite")?;
         parameter("epsilon", options.epsilon, (0.0..=1.0).contains(&options.epsilon), "in [0, 1]")?;
