@@ -6,6 +6,8 @@ mod common;
 use std::path::Path;
 use std::sync::Arc;
 
+use adagio::log::messages::GoalMoved;
+use adagio::log::{LogReader, Record, topics};
 use adagio::scenario::Scenario;
 use adagio::source::{Frame, Simulated, Source};
 use adagio::world::{Action, World};
@@ -147,6 +149,89 @@ fn a_run_with_changes_counts_what_was_lost_is_repeated_and_goes_on() {
     let resumed = adagio(folder.path(), &["resume", "cut", "--quiet"]);
     assert!(resumed.status.success(), "{}", stderr(&resumed));
     assert_eq!(report(&folder.path().join("cut"))["digest"], whole["digest"]);
+}
+
+/// Smoke with more lines, run in a folder.
+fn changing_run(folder: &Path, name: &str, lines: &str, sets: &[&str]) -> std::path::PathBuf {
+    let smoke = std::fs::read_to_string(package_file("scenarios/smoke.toml")).unwrap();
+    let file = format!("{name}.toml");
+    std::fs::write(folder.join(&file), smoke + lines).unwrap();
+    let sets: Vec<&str> = sets.iter().flat_map(|&set| ["--set", set]).collect();
+    let output = adagio(folder, &[&["run", &file, "--out", name, "--quiet"], &sets[..]].concat());
+    assert!(output.status.success(), "{}", stderr(&output));
+    folder.join(name)
+}
+
+const GOAL: &str = "\n[[change]]\naction = 199\nkind = \"goal\"\ntask = 0\ngoal = [2.2, 1.2]\n";
+
+/// Only the features and the policies change with what is learned, not the way that is driven; and a model is asked for at
+/// the very frame that is judged by the new goal first, so that the scenario asks for no other models than without.
+const WALKS: [&str; 2] = ["policy.pursue_share=0.0", "agent.resolve_frames=1001"];
+
+#[test]
+fn policies_after_a_goal_has_moved_are_those_of_a_run_whose_goal_was_always_there() {
+    let folder = tempfile::tempdir().unwrap();
+    let moved = report(&changing_run(folder.path(), "moved", GOAL, &WALKS));
+    let there = [&WALKS[..], &["task.0.goal=[2.2, 1.2]"]].concat();
+    let always = report(&changing_run(folder.path(), "always", "", &there));
+    let never = report(&changing_run(folder.path(), "never", "", &WALKS));
+    // All that was seen before the goal moved is judged anew: bit for bit the same policies.
+    assert_eq!(moved["digest"], always["digest"]);
+    assert_ne!(moved["digest"], never["digest"]);
+    assert_eq!(moved["model"]["slowness"], never["model"]["slowness"]);
+    // Trials are about the goal where it is.
+    assert_eq!(moved["tasks"], always["tasks"]);
+    let evaluated = |name: &str| {
+        let output = adagio(folder.path(), &["evaluate", name, "--starts", "20", "--seed", "5", "--json"]);
+        assert!(output.status.success(), "{}", stderr(&output));
+        serde_json::from_str::<serde_json::Value>(&stdout(&output)).unwrap()["tasks"].clone()
+    };
+    assert_eq!(evaluated("moved"), evaluated("always"));
+    assert_ne!(evaluated("moved")[0], evaluated("never")[0]);
+}
+
+#[test]
+fn a_goal_that_moves_is_in_the_log_once_and_a_replay_moves_it_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = changing_run(folder.path(), "moved", GOAL, &[]);
+    let bytes = std::fs::read(run.join("run_000.mcap")).unwrap();
+    let mut moves = Vec::new();
+    for record in LogReader::new(bytes.as_slice(), "moved") {
+        let record = record.unwrap();
+        if matches!(&record, Record::Message { topic, .. } if **topic == *topics::GOAL.name()) {
+            moves.push(record.decode::<GoalMoved>().unwrap());
+        }
+    }
+    let [moved] = &moves[..] else { panic!("{moves:?}") };
+    // Judged at the end of the action before which it moved.
+    assert_eq!((moved.frame, moved.task.as_str(), moved.x, moved.y), (1000, "centre", 2.2, 1.2));
+    let verified = adagio(folder.path(), &["replay", "moved", "--verify", "--quiet"]);
+    assert!(verified.status.success(), "{}{}", stdout(&verified), stderr(&verified));
+
+    let digest = report(&run)["digest"].clone();
+    let cut = changing_run(folder.path(), "cut", GOAL, &[]);
+    // It goes on from before and from after the move.
+    for share in [3, 6] {
+        std::fs::write(cut.join("run_000.mcap"), &bytes[..bytes.len() / 8 * share]).unwrap();
+        let _ = std::fs::remove_file(cut.join("run_001.mcap"));
+        std::fs::remove_file(cut.join("report.json")).unwrap();
+        let resumed = adagio(folder.path(), &["resume", "cut", "--quiet"]);
+        assert!(resumed.status.success(), "{}", stderr(&resumed));
+        assert_eq!(report(&cut)["digest"], digest, "{share} of 8 parts");
+    }
+}
+
+#[test]
+fn a_goal_cannot_move_into_a_wall_nor_one_that_is_not_there() {
+    let folder = tempfile::tempdir().unwrap();
+    let smoke = std::fs::read_to_string(package_file("scenarios/smoke.toml")).unwrap();
+    let changes = "\n[[change]]\nkind = \"goal\"\ntask = 9\n[[change]]\nkind = \"goal\"\ngoal = [7, 1]\n";
+    std::fs::write(folder.path().join("bad.toml"), smoke + changes).unwrap();
+    let output = adagio(folder.path(), &["check", "bad.toml"]);
+    assert_eq!(output.status.code(), Some(2));
+    for part in ["change.0.task = 9 is not there", "change.1.goal = [7.0, 1.0] with radius"] {
+        assert!(stderr(&output).contains(part), "{part}: {}", stderr(&output));
+    }
 }
 
 #[test]

@@ -281,7 +281,7 @@ fn mutated_bags_are_read_to_their_end() {
         let begun = Survey::of(&path, scenario.topics.stamps).and_then(|survey| {
             let roles = survey.roles(&scenario.topics)?;
             let _ = frames_per_action(&survey, &roles, &scenario);
-            Imported::open(scenario.clone(), world.clone(), &survey, &roles)
+            Imported::open(scenario.clone(), &survey, &roles)
         });
         let Ok(mut source) = begun else {
             refused += 1;

@@ -55,8 +55,8 @@ impl Act {
 
     /// The next action. What was executed last is in the percept: a replay executes what was recorded, whatever is decided.
     pub fn step(&mut self, percept: &Percept) -> Decision {
-        let recent = Recent { action: percept.action, blocked: percept.boundary.blocked };
-        let leg = self.behaviour.next(self.number, &percept.boundary.in_goal, self.learned.is_some());
+        let recent = Recent { action: percept.action, blocked: percept.blocked };
+        let leg = self.behaviour.next(self.number, &percept.judged.in_goal, self.learned.is_some());
         let (action, q_values, reflex) = match (leg, &self.learned) {
             (Leg::Pursue(task), Some(learned)) => {
                 let values = learned.q_values(&percept.observation, task);

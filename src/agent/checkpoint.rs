@@ -78,6 +78,7 @@ pub fn checkpoint_bytes(learned: &Learned, scenario: &Scenario) -> Result<Vec<u8
         ("exponent".to_owned(), learned.exponent().to_string()),
         ("scenario_sha256".to_owned(), scenario.sha256()),
         ("digest".to_owned(), learned.digest()),
+        ("goals".to_owned(), serde_json::to_string(&learned.goals).map_err(damaged)?),
     ]);
     // One entry: the format keeps several in no fixed order, and equal runs write equal bytes.
     let metadata = HashMap::from([(METADATA.to_owned(), serde_json::to_string(&entries).map_err(damaged)?)]);
@@ -170,7 +171,13 @@ pub fn read_checkpoint(bytes: &[u8], path: &Path) -> Result<(Learned, Scenario),
     let model = SlowModel::from_parts(kernel, members, projection, offset, slowness).map_err(damaged)?;
     let epoch = u32::try_from(number("epoch")?).map_err(damaged)?;
     let (asked_at, frames) = (number("asked_at")?, number("frames")?);
-    let learned = Learned::new(epoch, asked_at, frames, model, weights).map_err(damaged)?;
+    // Goals do not move in the checkpoints of earlier versions.
+    let goals = metadata.get("goals").map(|text| serde_json::from_str::<Vec<[f64; 2]>>(text));
+    let goals = goals.transpose().map_err(|e| damaged(format!("goals: {e}")))?.unwrap_or_default();
+    if !goals.is_empty() && goals.len() != scenario.tasks.len() {
+        return Err(damaged(format!("it has {} goals for {} tasks", goals.len(), scenario.tasks.len())));
+    }
+    let learned = Learned::new(epoch, asked_at, frames, model, weights).map_err(damaged)?.for_goals(goals);
     if learned.digest() != *entry("digest")? {
         return Err(damaged("its digest is not that of its content"));
     }

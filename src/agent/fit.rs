@@ -9,12 +9,12 @@ use std::sync::Arc;
 use faer::{Mat, Par};
 use rayon::prelude::*;
 
-use super::messages::{FitRequest, Update};
+use super::messages::{FitRequest, Lived, Update};
 use crate::parts::{Parts, PartsError, Persist};
 use crate::policy::{Learned, Recent, Reflexes, columns};
 use crate::scenario::{Scenario, Task};
 use crate::slow::{SlowError, SlowModel};
-use crate::value::{Fit, Lspi, LspiOptions, Outcomes, Samples, Transition, ValueError, balance, greedy};
+use crate::value::{Fit, Lspi, LspiOptions, Outcomes, Samples, ValueError, balance, greedy};
 use crate::vision::Observation;
 use crate::world::Action;
 
@@ -43,7 +43,8 @@ impl FitPolicies {
             let fits = self.fit(&projected, &request.window).map_err(|error| error.to_string())?;
             let weights = fits.iter().map(|fit| fit.weights.clone()).collect();
             let learned = Learned::new(self.epoch + 1, request.asked_at, request.frames, model, weights);
-            Ok((Arc::new(learned.map_err(|error| error.to_string())?), fits))
+            let learned = learned.map_err(|error| error.to_string())?.for_goals(request.goals);
+            Ok((Arc::new(learned), fits))
         });
         let (learned, fits) = match fitted {
             Err(reason) => (Err(reason), Vec::new()),
@@ -55,7 +56,7 @@ impl FitPolicies {
         Update { asked_at: request.asked_at, learned, fits, transitions }
     }
 
-    fn fit(&self, projected: &Projection, window: &[Transition<Arc<Observation>>]) -> Result<Vec<Fit>, ValueError> {
+    fn fit(&self, projected: &Projection, window: &[Lived]) -> Result<Vec<Fit>, ValueError> {
         let settings = &self.scenario.value;
         let from: Vec<usize> = window.iter().map(|t| projected.place[&t.from.frame]).collect();
         let to: Vec<usize> = window.iter().map(|t| projected.place[&t.to.frame]).collect();
@@ -76,13 +77,13 @@ impl FitPolicies {
         };
         let allowed: Vec<u32> = window.iter().map(|t| self.allowed_after(t)).collect();
         let fit = |(number, task): (usize, &Task)| {
-            let rewards: Vec<f64> = window.iter().map(|t| t.rewards[number]).collect();
+            let rewards: Vec<f64> = window.iter().map(|t| t.result.rewards[number]).collect();
             let outcomes = Outcomes { next: next.as_ref(), rewards: &rewards, allowed: Some(&allowed) };
             if !task.absorbing {
                 return problem.fit(&outcomes, &options);
             }
             let mut until_goal = next.clone();
-            for (j, _) in window.iter().enumerate().filter(|(_, t)| t.reached[number]) {
+            for (j, _) in window.iter().enumerate().filter(|(_, t)| t.result.in_goal[number]) {
                 until_goal.col_mut(j).fill(0.0);
             }
             problem.fit(&Outcomes { next: until_goal.as_ref(), ..outcomes }, &options)
@@ -96,7 +97,7 @@ impl FitPolicies {
     }
 
     /// The actions that the reflexes let follow a transition, as bits.
-    fn allowed_after(&self, transition: &Transition<Arc<Observation>>) -> u32 {
+    fn allowed_after(&self, transition: &Lived) -> u32 {
         let recent = Recent { action: Some(Action::ALL[transition.action]), blocked: transition.blocked };
         Action::ALL
             .into_iter()
@@ -122,7 +123,7 @@ struct Projection {
 }
 
 impl Projection {
-    fn new(model: &SlowModel<f32>, window: &[Transition<Arc<Observation>>], par: Par) -> Result<Self, SlowError> {
+    fn new(model: &SlowModel<f32>, window: &[Lived], par: Par) -> Result<Self, SlowError> {
         let unique: BTreeMap<u64, &Arc<Observation>> =
             window.iter().flat_map(|t| [&t.from, &t.to]).map(|seen| (seen.frame, seen)).collect();
         let place = unique.keys().enumerate().map(|(column, &frame)| (frame, column)).collect();

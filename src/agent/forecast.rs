@@ -65,7 +65,7 @@ impl LogForecast {
         let mut source = Simulated::new(first.clone(), world.clone());
         let (stop, status) = (AtomicBool::new(false), Status::default());
         let options_of_run = RunOptions { flush_by_stamps: speed, ..RunOptions::new(&stop, &status) };
-        let outcome = run(&first, &mut source, open(options, metadata)?, options_of_run)?;
+        let outcome = run(&first, world, &mut source, open(options, metadata)?, options_of_run)?;
         let attached = match &outcome.learned {
             Some(learned) => checkpoint_bytes(learned, &first)?.len() as u64,
             None => 0,

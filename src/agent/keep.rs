@@ -9,15 +9,16 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64};
 
 use faer::Mat;
+use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 
 use super::act::Act;
+use super::goals::Judged;
 use super::messages::{Percept, Update};
 use crate::kernel::Kernel;
 use crate::parts::{Parts, PartsError, Persist};
 use crate::policy::Learned;
 use crate::slow::{Link, SlowModel};
-use crate::source::Boundary;
 use crate::value::{Fit, Transition, Window};
 use crate::vision::Observation;
 use crate::world::Action;
@@ -103,7 +104,7 @@ fn percept(parts: &mut Parts, percept: &mut Option<Percept>) -> Result<(), Parts
     let mut pixels = of.map_or(Vec::new(), |p| p.observation.pixels.clone());
     let mut sonar = of.map_or(Vec::new(), |p| p.sonar.clone());
     let mut action = of.and_then(|p| p.action).map(Action::index);
-    let mut came_to = of.map(|p| CameTo::of(&p.boundary));
+    let mut came_to = of.map(|p| CameTo::of(p));
     parts.value("frame", &mut frame)?;
     parts.value("stamp_ns", &mut stamp_ns)?;
     parts.numbers("pixels", &mut pixels)?;
@@ -117,7 +118,8 @@ fn percept(parts: &mut Parts, percept: &mut Option<Percept>) -> Result<(), Parts
             stamp_ns,
             sonar,
             action,
-            boundary: came_to.boundary(),
+            blocked: came_to.blocked,
+            judged: came_to.judged(),
             asked: Vec::new(),
         });
         parts.check("came_to", percept.is_some(), "nothing")?;
@@ -163,7 +165,10 @@ fn learned(parts: &mut Parts, name: &str, learned: &mut Option<Arc<Learned>>) ->
         let of = learned.as_ref();
         let mut numbers = of.map(|of| (of.epoch, of.asked_at, of.frames, of.weights.len()));
         parts.value("there", &mut numbers)?;
+        let mut goals: Vec<[u64; 2]> =
+            of.map_or(Vec::new(), |of| of.goals.iter().map(|goal| goal.map(f64::to_bits)).collect());
         let Some((epoch, asked_at, frames, tasks)) = numbers else { return Ok(()) };
+        parts.value("goals", &mut goals)?;
         let mut model = of.map(|of| of.model.clone());
         slow_model(parts, "model", &mut model)?;
         let mut weights: Vec<Mat<f64>> = of.map_or(Vec::new(), |of| of.weights.clone());
@@ -176,7 +181,11 @@ fn learned(parts: &mut Parts, name: &str, learned: &mut Option<Arc<Learned>>) ->
         }
         if let Some(model) = model.filter(|_| parts.is_restoring()) {
             let restored = Learned::new(epoch, asked_at, frames, model, weights);
-            *learned = Some(Arc::new(restored.map_err(|cause| wrong("learned", cause))?));
+            *learned = Some(Arc::new(
+                restored
+                    .map_err(|cause| wrong("learned", cause))?
+                    .for_goals(goals.into_iter().map(|goal| goal.map(f64::from_bits)).collect()),
+            ));
         }
         Ok(())
     })
@@ -215,21 +224,20 @@ pub fn slow_model(parts: &mut Parts, name: &str, model: &mut Option<SlowModel<f3
 
 /// What an action came to, with numbers as bits.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-pub struct CameTo {
+struct CameTo {
     blocked: bool,
     rewards: Vec<u64>,
     in_goal: Vec<bool>,
 }
 
 impl CameTo {
-    pub fn of(boundary: &Boundary) -> Self {
-        let rewards = boundary.rewards.iter().map(|reward| reward.to_bits()).collect();
-        CameTo { blocked: boundary.blocked, rewards, in_goal: boundary.in_goal.clone() }
+    fn of(percept: &Percept) -> Self {
+        let Judged { rewards, in_goal } = percept.judged.clone();
+        CameTo { blocked: percept.blocked, rewards: rewards.into_iter().map(f64::to_bits).collect(), in_goal }
     }
 
-    pub fn boundary(self) -> Boundary {
-        let rewards = self.rewards.into_iter().map(f64::from_bits).collect();
-        Boundary { blocked: self.blocked, rewards, in_goal: self.in_goal }
+    fn judged(self) -> Judged {
+        Judged { rewards: self.rewards.into_iter().map(f64::from_bits).collect(), in_goal: self.in_goal }
     }
 }
 
@@ -241,6 +249,16 @@ pub fn link_bits(link: Link) -> (u64, u64) {
 /// A link from its bits.
 pub fn link_of((dt, weight): (u64, u64)) -> Link {
     Link { dt: f64::from_bits(dt), weight: f64::from_bits(weight) }
+}
+
+/// Bits of a place.
+pub fn place_bits(place: Point2<f64>) -> [u64; 2] {
+    [place.x.to_bits(), place.y.to_bits()]
+}
+
+/// A place from its bits.
+pub fn place_of(bits: [u64; 2]) -> Point2<f64> {
+    bits.map(f64::from_bits).into()
 }
 
 /// An action from its number.
@@ -292,13 +310,18 @@ struct Stored {
     arrival: u64,
     from: u64,
     action: usize,
-    came_to: CameTo,
+    blocked: bool,
+    /// Where it ended.
+    place: [u64; 2],
     to: u64,
     cell: usize,
 }
 
+/// The window of transitions, each with the place where it ended.
+type Lives = Window<Arc<Observation>, Point2<f64>>;
+
 /// Put away a window of transitions: what they refer to is added to `seen`.
-pub fn put_window(window: &Window<Arc<Observation>>, seen: &mut Seen, parts: &mut Parts) -> Result<(), PartsError> {
+pub fn put_window(window: &Lives, seen: &mut Seen, parts: &mut Parts) -> Result<(), PartsError> {
     let (entries, mut next) = window.arrivals();
     let mut stored: Vec<Stored> = entries
         .into_iter()
@@ -306,11 +329,8 @@ pub fn put_window(window: &Window<Arc<Observation>>, seen: &mut Seen, parts: &mu
             arrival,
             from: seen.add(&t.from),
             action: t.action,
-            came_to: CameTo {
-                blocked: t.blocked,
-                rewards: t.rewards.iter().map(|reward| reward.to_bits()).collect(),
-                in_goal: t.reached.clone(),
-            },
+            blocked: t.blocked,
+            place: place_bits(t.result),
             to: seen.add(&t.to),
             cell: t.cell,
         })
@@ -320,16 +340,15 @@ pub fn put_window(window: &Window<Arc<Observation>>, seen: &mut Seen, parts: &mu
 }
 
 /// Make a window again.
-pub fn take_window(capacity: usize, seen: &Seen, parts: &mut Parts) -> Result<Window<Arc<Observation>>, PartsError> {
+pub fn take_window(capacity: usize, seen: &Seen, parts: &mut Parts) -> Result<Lives, PartsError> {
     let (mut stored, mut next): (Vec<Stored>, u64) = (Vec::new(), 0);
     parts.value("window", &mut stored)?;
     parts.value("arrivals", &mut next)?;
     parts.check("window", stored.len() <= capacity, "more than it has room for")?;
     let transition = |t: Stored| {
         action_of(parts, t.action)?;
-        let Boundary { blocked, rewards, in_goal } = t.came_to.boundary();
-        let (from, to, action, reached, cell) = (seen.get(t.from)?, seen.get(t.to)?, t.action, in_goal, t.cell);
-        Ok((t.arrival, Transition { from, action, blocked, rewards, reached, to, cell }))
+        let (from, to, result) = (seen.get(t.from)?, seen.get(t.to)?, place_of(t.place));
+        Ok((t.arrival, Transition { from, action: t.action, blocked: t.blocked, result, to, cell: t.cell }))
     };
     let entries: Result<Vec<_>, PartsError> = stored.into_iter().map(transition).collect();
     Ok(Window::restored(capacity, entries?, next))

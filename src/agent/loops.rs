@@ -13,7 +13,7 @@ use super::clock::Clock;
 use super::decide::Keep;
 use super::keep::{Mark, Quiet};
 use super::messages::{Item, Percept, SolveRequest};
-use super::perceive::{self, Perceive};
+use super::perceive::{self, Perceive, Sight};
 use super::queue::{Closed, Inbox, Outbox};
 use super::record::{Level, Recorder};
 use super::run::{CurvePoint, RunError};
@@ -166,7 +166,9 @@ impl Perceiving<'_> {
             if last_number.replace(frame.number).is_none_or(|last| last + 1 != frame.number) {
                 last_boundary = None;
             }
-            let (observation, percept) = perceive.see(frame);
+            let Sight { observation, percept, moved } = perceive.see(frame);
+            // With an observation, a replay has the whole frame.
+            sent = sent.and_then(|()| record.goals(&moved, observation.frame, stamp));
             sent = sent.and_then(|()| record.observation(&observation, stamp));
             if let Some(percept) = percept {
                 let before = last_boundary.replace(observation.frame);

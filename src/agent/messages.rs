@@ -2,11 +2,11 @@
 
 use std::sync::Arc;
 
+use super::goals::Judged;
 use super::keep::Mark;
 use crate::dictionary::Dictionary;
 use crate::policy::Learned;
 use crate::slow::{Moments, SlowModel};
-use crate::source::Boundary;
 use crate::value::{Fit, Transition};
 use crate::vision::Observation;
 use crate::world::Action;
@@ -27,10 +27,15 @@ pub struct Percept {
     pub sonar: Vec<f32>,
     /// The action that ended; none before the first.
     pub action: Option<Action>,
-    pub boundary: Boundary,
+    /// Whether a wall stopped the robot.
+    pub blocked: bool,
+    pub judged: Judged,
     /// Frames at which models were asked for since the percept before.
     pub asked: Vec<u64>,
 }
+
+/// A transition of the window, judged by where the goals are.
+pub type Lived = Transition<Arc<Observation>, Judged>;
 
 /// From perceive to solve: everything that a new model is made of.
 pub struct SolveRequest {
@@ -40,7 +45,9 @@ pub struct SolveRequest {
     pub frames: u64,
     pub dictionary: Dictionary<f32>,
     pub moments: Moments,
-    pub window: Vec<Transition<Arc<Observation>>>,
+    pub window: Vec<Lived>,
+    /// Where the goals are, by task.
+    pub goals: Vec<[f64; 2]>,
 }
 
 /// From solve to fit: slow features, or why there are none.
@@ -48,7 +55,9 @@ pub struct FitRequest {
     pub asked_at: u64,
     pub frames: u64,
     pub model: Result<SlowModel<f32>, String>,
-    pub window: Vec<Transition<Arc<Observation>>>,
+    pub window: Vec<Lived>,
+    /// Where the goals are, by task.
+    pub goals: Vec<[f64; 2]>,
 }
 
 /// From fit to act and assess: the answer to one request.

@@ -22,6 +22,7 @@ mod crew;
 mod decide;
 mod fit;
 mod forecast;
+mod goals;
 mod keep;
 mod loops;
 mod memory;

@@ -3,12 +3,14 @@
 use std::sync::Arc;
 
 use faer::{Mat, Par};
+use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::crew::parallelism;
-use super::keep::{CameTo, Seen, action_of, link_bits, link_of, put_window, take_window, wrong};
-use super::messages::{Percept, SolveRequest};
+use super::goals::Goals;
+use super::keep::{Seen, action_of, link_bits, link_of, place_bits, place_of, put_window, take_window, wrong};
+use super::messages::{Lived, Percept, SolveRequest};
 use super::schedule::Schedule;
 use crate::dictionary::{Ald, DictionaryError, Parameters, Reservoir, Selection, width_for_size};
 use crate::kernel::{Kernel, KernelError, median_distance};
@@ -16,10 +18,10 @@ use crate::parts::{Parts, PartsError, Persist};
 use crate::policy::columns;
 use crate::scenario::{self, Scenario, SelectionRule};
 use crate::slow::{Link, SlowError, SlowStream, StreamOptions};
-use crate::source::{Boundary, Frame, View};
+use crate::source::{Boundary, Frame, GoalMove, View};
 use crate::value::{Transition, Window};
 use crate::vision::{Observation, Observer};
-use crate::world::Action;
+use crate::world::{Action, World};
 
 /// What learning can refuse.
 #[derive(Debug, Error)]
@@ -48,8 +50,8 @@ const NARROWEST: f64 = 0.5;
 struct Pending {
     observation: Arc<Observation>,
     link: Option<Link>,
-    /// For the last frame of an action: what it came to.
-    boundary: Option<Boundary>,
+    /// For the last frame of an action: what it came to, and where.
+    boundary: Option<(Boundary, Point2<f64>)>,
     action: Option<Action>,
 }
 
@@ -73,6 +75,15 @@ pub struct Learning {
     pub request: Option<SolveRequest>,
 }
 
+/// What was seen in a frame.
+pub struct Sight {
+    pub observation: Arc<Observation>,
+    /// At the end of an action.
+    pub percept: Option<Percept>,
+    /// Goals that moved with it.
+    pub moved: Vec<GoalMove>,
+}
+
 /// Vision, dictionary, moments and window.
 pub struct Perceive {
     scenario: Arc<Scenario>,
@@ -81,7 +92,9 @@ pub struct Perceive {
     observer: Observer,
     stream: Option<SlowStream<f32>>,
     pending: Vec<Pending>,
-    window: Window<Arc<Observation>>,
+    goals: Goals,
+    /// Goals may move: the window keeps where an action ended, and rewards are told from that when they are needed.
+    window: Window<Arc<Observation>, Point2<f64>>,
     last_number: Option<u64>,
     /// The observation before the action that is going on, and its cell.
     last_boundary: Option<(Arc<Observation>, usize)>,
@@ -95,8 +108,9 @@ pub struct Perceive {
 
 impl Perceive {
     /// An actor that has seen nothing.
-    pub fn new(scenario: Arc<Scenario>, schedule: Arc<Schedule>) -> Self {
+    pub fn new(scenario: Arc<Scenario>, world: Arc<World>, schedule: Arc<Schedule>) -> Self {
         Perceive {
+            goals: Goals::new(&scenario, world),
             window: Window::new(scenario.value.window),
             par: parallelism(&scenario.agent),
             scenario,
@@ -114,8 +128,9 @@ impl Perceive {
         }
     }
 
-    /// See a frame: its observation, and at the end of an action the percept to act on.
-    pub fn see(&mut self, frame: Frame) -> (Arc<Observation>, Option<Percept>) {
+    /// See a frame: its observation, and at the end of an action the percept to act on. Goals move at the end of actions, too,
+    /// and what the action came to is judged by where they are then.
+    pub fn see(&mut self, frame: Frame) -> Sight {
         let pixels = match frame.view {
             View::Observation(pixels) => pixels,
             View::Image(image) => {
@@ -130,16 +145,23 @@ impl Perceive {
             dt: self.scenario.robot.frame_seconds(),
             weight: if action == Action::Forward { self.scenario.slow.move_weight } else { 1.0 },
         });
+        let place = frame.pose.position;
         self.pending.push(Pending {
             observation: observation.clone(),
             link,
-            boundary: frame.boundary.clone(),
+            boundary: frame.boundary.map(|boundary| (boundary, place)),
             action: frame.action,
         });
         self.last_number = Some(frame.number);
         self.stamp_ns = frame.stamp_ns;
         self.frames += 1;
-        if self.schedule.announces(frame.number, self.schedule.is_due(self.frames)) {
+        let moved = match frame.boundary {
+            Some(_) => self.goals.follow(frame.number, &frame.moved),
+            None => Vec::new(),
+        };
+        // Policies for where the goals are now.
+        self.owed |= !moved.is_empty();
+        if self.schedule.announces(frame.number, self.owed || self.schedule.is_due(self.frames)) {
             self.asked.push(frame.number);
         }
         let percept = frame.boundary.map(|boundary| Percept {
@@ -147,10 +169,11 @@ impl Perceive {
             stamp_ns: frame.stamp_ns,
             sonar: frame.sonar,
             action: frame.action,
-            boundary,
+            blocked: boundary.blocked,
+            judged: self.goals.judge(place),
             asked: std::mem::take(&mut self.asked),
         });
-        (observation, percept)
+        Sight { observation, percept, moved }
     }
 
     /// Learn from what was seen, when a block is full or a model is asked for. A model that is due, but is not asked for now,
@@ -186,8 +209,17 @@ impl Perceive {
             frames: self.frames,
             dictionary: stream.dictionary().clone(),
             moments,
-            window: self.window.snapshot(),
+            window: self.judged_window(),
+            goals: self.goals.centres(),
         }))
+    }
+
+    fn judged_window(&self) -> Vec<Lived> {
+        let judge = |t: Transition<Arc<Observation>, Point2<f64>>| {
+            let Transition { from, action, blocked, result, to, cell } = t;
+            Transition { from, action, blocked, result: self.goals.judge(result), to, cell }
+        };
+        self.window.snapshot().into_iter().map(judge).collect()
     }
 
     /// Put all pending frames into the stream, and the transitions that end in them into the window.
@@ -218,7 +250,7 @@ impl Perceive {
                     // Frames are missing before this one: what the action came to cannot be told.
                     self.last_boundary = None;
                 }
-                let Some(boundary) = &frame.boundary else { continue };
+                let Some((boundary, place)) = frame.boundary else { continue };
                 let Some(cell) = cell else {
                     // Nothing is known of where this action ended and the next one began.
                     self.last_boundary = None;
@@ -230,8 +262,7 @@ impl Perceive {
                         from,
                         action: action.index(),
                         blocked: boundary.blocked,
-                        rewards: boundary.rewards.clone(),
-                        reached: boundary.in_goal.clone(),
+                        result: place,
                         to: frame.observation.clone(),
                         cell,
                     });
@@ -282,7 +313,7 @@ impl Perceive {
 struct Waiting {
     frame: u64,
     link: Option<(u64, u64)>,
-    came_to: Option<CameTo>,
+    came_to: Option<(bool, [u64; 2])>,
     action: Option<usize>,
 }
 
@@ -299,6 +330,7 @@ impl Persist for Perceive {
         if let Some(stream) = &mut self.stream {
             parts.inner("stream", stream)?;
         }
+        parts.inner("goals", &mut self.goals)?;
         parts.value("last_number", &mut self.last_number)?;
         parts.value("owed", &mut self.owed)?;
         parts.value("last_request", &mut self.last_request)?;
@@ -320,7 +352,7 @@ impl Perceive {
             .map(|frame| Waiting {
                 frame: seen.add(&frame.observation),
                 link: frame.link.map(link_bits),
-                came_to: frame.boundary.as_ref().map(CameTo::of),
+                came_to: frame.boundary.map(|(boundary, place)| (boundary.blocked, place_bits(place))),
                 action: frame.action.map(Action::index),
             })
             .collect();
@@ -344,7 +376,7 @@ impl Perceive {
             Ok(Pending {
                 observation: seen.get(waiting.frame)?,
                 link: waiting.link.map(link_of),
-                boundary: waiting.came_to.map(CameTo::boundary),
+                boundary: waiting.came_to.map(|(blocked, place)| (Boundary { blocked }, place_of(place))),
                 action: waiting.action.map(|number| action_of(parts, number)).transpose()?,
             })
         };

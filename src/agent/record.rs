@@ -13,7 +13,7 @@ use crate::log::messages as msg;
 use crate::log::{LogError, Message, RunLog, RunTotals, Topic, topics};
 use crate::policy::{Learned, Leg};
 use crate::scenario::Scenario;
-use crate::source::Frame;
+use crate::source::{Frame, GoalMove};
 use crate::vision::Observation;
 use crate::world::{Action, Pose};
 
@@ -137,6 +137,16 @@ impl Recorder {
         self.write(topics::FRAME, number, stamp, taken)
     }
 
+    /// Goals that moved with a frame.
+    pub fn goals(&self, moved: &[GoalMove], frame: u64, stamp_ns: u64) -> Result<(), Closed> {
+        for &GoalMove { task, goal: [x, y] } in moved {
+            let task = self.scenario.tasks[task].name.clone();
+            let header = msg::Header::new(stamp_ns, "map");
+            self.write(topics::GOAL, frame, stamp_ns, msg::GoalMoved { header, frame, task, x, y })?;
+        }
+        Ok(())
+    }
+
     /// The observation that is learned from.
     pub fn observation(&self, observation: &Observation, stamp_ns: u64) -> Result<(), Closed> {
         let vision = &self.scenario.vision;
@@ -159,9 +169,9 @@ impl Recorder {
             from_frame,
             to_frame: percept.observation.frame,
             action: action.index() as u8,
-            blocked: percept.boundary.blocked,
+            blocked: percept.blocked,
             tasks: self.scenario.tasks.iter().map(|task| task.name.clone()).collect(),
-            rewards: percept.boundary.rewards.clone(),
+            rewards: percept.judged.rewards.clone(),
         };
         self.write(topics::TRANSITION, percept.observation.frame, percept.stamp_ns, message)
     }

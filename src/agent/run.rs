@@ -32,7 +32,7 @@ use crate::policy::{Learned, Tally};
 use crate::random::fix_parallelism;
 use crate::scenario::{Scenario, WhenBehind};
 use crate::source::{Frame, Source};
-use crate::world::Action;
+use crate::world::{Action, World};
 
 /// Why a run ended early.
 #[derive(Debug, Error)]
@@ -160,16 +160,18 @@ pub struct Outcome {
 /// See [`RunError`].
 pub fn run(
     scenario: &Arc<Scenario>,
+    world: &Arc<World>,
     source: &mut (dyn Source + Send),
     log: RunLog,
     options: RunOptions<'_>,
 ) -> Result<Outcome, RunError> {
-    run_in_turns(scenario, source, log, options, None)
+    run_in_turns(scenario, world, source, log, options, None)
 }
 
 /// As [`run`]; with `turns` only one actor runs at a time, see [`Turns`].
 pub(super) fn run_in_turns(
     scenario: &Arc<Scenario>,
+    world: &Arc<World>,
     source: &mut (dyn Source + Send),
     log: RunLog,
     options: RunOptions<'_>,
@@ -205,7 +207,7 @@ pub(super) fn run_in_turns(
     let (ended, over, quiet) = (AtomicBool::new(false), AtomicBool::new(false), Quiet::default());
 
     // The actors, new or as they were.
-    let mut perceiver = Perceive::new(scenario.clone(), schedule.clone());
+    let mut perceiver = Perceive::new(scenario.clone(), world.clone(), schedule.clone());
     let mut acting = Acting::new(Act::new(scenario));
     let (mut solve, mut fit) = (Solve::new(&scenario.slow, par), FitPolicies::new(scenario.clone(), par));
     let goes_on = options.state.is_some();

@@ -151,7 +151,7 @@ impl Run<'_> {
         let robot = Simulated::new(self.scenario.clone(), self.world.clone());
         let mut source = Counting { robot, given: &given, stop_at: self.stop_at, stop: &stop };
         let options = RunOptions { recording: self.recording, keep: self.keep, ..RunOptions::new(&stop, &status) };
-        let outcome = run_in_turns(self.scenario, &mut source, log, options, self.turns.as_ref());
+        let outcome = run_in_turns(self.scenario, self.world, &mut source, log, options, self.turns.as_ref());
         let stuck = self.turns.and_then(|turns| turns.deadlock());
         assert_eq!(stuck, None);
         (outcome.expect("a run"), given.load(Ordering::Relaxed))

@@ -47,7 +47,8 @@ impl Solve {
             Ok(model)
         });
         let model = model.map_err(|error| error.to_string());
-        FitRequest { asked_at: request.asked_at, frames: request.frames, model, window: request.window }
+        let SolveRequest { asked_at, frames, window, goals, .. } = request;
+        FitRequest { asked_at, frames, model, window, goals }
     }
 }
 

@@ -73,7 +73,7 @@ impl Drive<'_> {
                 curve: self.curve,
                 ..RunOptions::new(self.stop, status)
             };
-            agent::run(scenario, &mut *source, log, options)
+            agent::run(scenario, world, &mut *source, log, options)
         });
         let outcome: Outcome = outcome.map_err(|e| text(&e))?;
         if outcome.actions >= scenario.actions as u64 {

@@ -9,7 +9,6 @@ use crate::export::{About, Model, export as write};
 use crate::replay::Recording;
 use crate::report::Numbered;
 use crate::scenario::Scenario;
-use crate::world::World;
 
 /// Write a recorded run as arrays for Python, and its images as PNG.
 pub fn export(args: &ExportArgs) -> Ending {
@@ -29,7 +28,6 @@ pub fn export(args: &ExportArgs) -> Ending {
 fn written(args: &ExportArgs) -> Result<About, Ending> {
     let recording = Recording::open(&args.run).map_err(Ending::failed)?;
     let scenario = Arc::new(recording.scenario(&[]).map_err(|error| Ending::Usage(error.to_string()))?);
-    let world = Arc::new(World::new(&scenario).map_err(Ending::failed)?);
     let model = match &args.model {
         Some(path) => Some(model_of(path)?),
         None => match model_of(&args.run) {
@@ -45,7 +43,7 @@ fn written(args: &ExportArgs) -> Result<About, Ending> {
         fits(model, &scenario)?;
     }
     let out = folder::create(Some(&args.out), &scenario)?;
-    let about = write(&recording, &args.run, &scenario, world, model.as_ref(), args.images, &out);
+    let about = write(&recording, &args.run, &scenario, model.as_ref(), args.images, &out);
     about.map_err(|error| Ending::Failed(format!("{error}\nwhat is in {} is not complete", out.display())))
 }
 

@@ -35,7 +35,7 @@ pub fn import(args: &ReplayArgs, file: &Path, stop: &AtomicBool) -> Ending {
         Err(error) => return Ending::failed(error),
     };
     // That nothing can be learned shows before there is a folder.
-    let mut source = match Imported::open(scenario.clone(), world.clone(), &survey, &roles) {
+    let mut source = match Imported::open(scenario.clone(), &survey, &roles) {
         Ok(source) => source,
         Err(error) => return Ending::failed(error),
     };

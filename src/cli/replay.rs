@@ -84,7 +84,7 @@ fn again(
         let origin = Origin { part: 0, replay_of: Some(args.run.display().to_string()), elsewhere: args.no_evaluate };
         let (options, rotation) = log_options(&scenario);
         let log = RunLog::create(Folder::new(&run), &options, rotation, &metadata(&scenario, &origin));
-        let mut source = Recorded::new(scenario.clone(), world.clone(), recording.records());
+        let mut source = Recorded::new(scenario.clone(), recording.records());
         let unchanged = args.set.is_empty();
         let drive = Drive {
             scenario: &scenario,
@@ -160,7 +160,7 @@ fn compared(
     let (options, rotation) = log_options(scenario);
     let log = RunLog::create(Nowhere, &options, rotation, &recording.metadata).map_err(|error| error.to_string())?;
     let log = log.expecting(recording.expected(), Repeating::Write);
-    let mut source = Recorded::new(scenario.clone(), world, recording.records());
+    let mut source = Recorded::new(scenario.clone(), recording.records());
     // A recording that was not closed may end in the middle of an action, or before a decision.
     let most_actions = recording.course.decisions() + u64::from(!recording.closed);
     let outcome = watched(args.quiet, most_actions, None, |status| {
@@ -169,7 +169,7 @@ fn compared(
             most_actions: Some(most_actions),
             ..RunOptions::new(stop, status)
         };
-        agent::run(scenario, &mut source, log, options)
+        agent::run(scenario, &world, &mut source, log, options)
     });
     let outcome = outcome.map_err(|error| error.to_string())?;
     let expected = outcome.log.expected.unwrap_or_default();

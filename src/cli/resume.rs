@@ -91,7 +91,7 @@ fn go_on(
     let metadata = metadata(&scenario, &origin);
     let log = RunLog::append(Folder::new(&args.run), &options, rotation, &metadata, &sizes).map_err(|e| text(&e))?;
     let (mut expected, course) = recording.open_end();
-    let mut recorded = Recorded::new(scenario.clone(), world.clone(), recording.records());
+    let mut recorded = Recorded::new(scenario.clone(), recording.records());
     let mut curve = Vec::new();
     if let Some(kept) = &kept {
         expected.skip_to(kept.stamp_ns);

@@ -1,6 +1,6 @@
 //! Trials: from random starts to a goal, many side by side.
 
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use faer::{Mat, Par};
 use nalgebra::Point2;
@@ -10,7 +10,7 @@ use serde::Serialize;
 use super::{draw_pose, wilson_low};
 use crate::policy::{Learned, Recent, Reflexes, columns, optimal_steps, reference_action};
 use crate::random::{fix_parallelism, stream};
-use crate::scenario::{Scenario, Task};
+use crate::scenario::{Happens, Scenario, Task};
 use crate::vision::{Observation, Observer, observe};
 use crate::world::{Action, Image, Pose, Robot, Sensor, World, in_goal};
 
@@ -107,14 +107,25 @@ struct Outcome {
     actions: usize,
 }
 
+/// A task with its goal at a place, fixed starts outside of it, and what they come to at best.
+struct Course {
+    task: Task,
+    starts: Vec<Pose>,
+    optimal: Vec<Option<usize>>,
+    /// Success of the reference policy.
+    reference: f64,
+}
+
 /// Fixed starts of all tasks, with their optimal steps.
 pub struct Evaluator {
     scenario: Arc<Scenario>,
     world: Arc<World>,
     seed: u64,
-    starts: Vec<Vec<Pose>>,
-    optimal: Vec<Vec<Option<usize>>>,
-    reference: Vec<f64>,
+    count: usize,
+    /// The tasks as they are at first.
+    courses: Vec<Arc<Course>>,
+    /// Those that were met with their goals elsewhere.
+    moved: Mutex<Vec<Arc<Course>>>,
     /// What a camera without noise sees at all starts, in the world as it looks at first.
     seen: OnceLock<Vec<Observation>>,
 }
@@ -123,35 +134,60 @@ impl Evaluator {
     /// Draw `starts` starts per task, outside its goal, and search their optimal steps.
     pub fn new(scenario: Arc<Scenario>, world: Arc<World>, starts: usize, seed: u64) -> Self {
         fix_parallelism();
-        let mut evaluator = Evaluator {
-            scenario,
-            world,
-            seed,
-            starts: Vec::new(),
-            optimal: Vec::new(),
-            reference: Vec::new(),
-            seen: OnceLock::new(),
-        };
-        let most = evaluator.scenario.evaluate.max_steps;
-        let cells: Vec<Point2<f64>> = evaluator.world.plan.reachable_cells().collect();
-        for task in &evaluator.scenario.tasks {
-            let mut rng = stream(seed, &format!("evaluate: starts of {}", task.name));
-            let plan = &evaluator.world.plan;
-            let poses: Vec<Pose> =
-                (0..starts).map(|_| draw_pose(plan, &cells, &mut rng, |position| in_goal(task, position))).collect();
-            let optimal = poses
-                .par_iter()
-                .map(|&pose| optimal_steps(&evaluator.world.arena, &evaluator.scenario.robot, task, pose, most))
-                .collect();
-            evaluator.starts.push(poses);
-            evaluator.optimal.push(optimal);
-        }
-        evaluator.reference = (0..evaluator.starts.len()).map(|task| evaluator.reference_success(task)).collect();
+        let (count, courses, moved, seen) = (starts, Vec::new(), Mutex::default(), OnceLock::new());
+        let mut evaluator = Evaluator { scenario, world, seed, count, courses, moved, seen };
+        evaluator.courses = evaluator.scenario.tasks.iter().map(|task| evaluator.plan(task.clone())).collect();
         evaluator
     }
 
-    /// Results of all tasks, in the world as it looks right behind the last frame that the model knows; `without_reflexes`:
-    /// also run the trials of the policy alone.
+    /// Draw the starts of a task and see what they come to.
+    fn plan(&self, task: Task) -> Arc<Course> {
+        let plan = &self.world.plan;
+        let cells: Vec<Point2<f64>> = plan.reachable_cells().collect();
+        let mut rng = stream(self.seed, &format!("evaluate: starts of {}", task.name));
+        let starts: Vec<Pose> =
+            (0..self.count).map(|_| draw_pose(plan, &cells, &mut rng, |position| in_goal(&task, position))).collect();
+        let (arena, robot, most) = (&self.world.arena, &self.scenario.robot, self.scenario.evaluate.max_steps);
+        let optimal = starts.par_iter().map(|&pose| optimal_steps(arena, robot, &task, pose, most)).collect();
+        let mut course = Course { task, starts, optimal, reference: 0.0 };
+        course.reference = self.reference_success(&course);
+        Arc::new(course)
+    }
+
+    /// The tasks as they are right behind the last frame that a model knows: for goals that the scenario moves then, the model
+    /// does not know that yet. A goal that lies where nobody can start outside of it stays where it was at first.
+    fn courses(&self, learned: &Learned) -> Vec<Arc<Course>> {
+        let mut goals: Vec<[f64; 2]> = self.scenario.tasks.iter().map(|task| task.goal).collect();
+        if learned.goals.len() == goals.len() {
+            goals.clone_from(&learned.goals);
+        }
+        for change in &self.scenario.changes {
+            if let Happens::Goal { task, goal } = change.what
+                && change.first_frame(&self.scenario.robot) == learned.asked_at + 1
+            {
+                goals[task] = goal;
+            }
+        }
+        let at = |(course, goal): (&Arc<Course>, [f64; 2])| {
+            let plan = &self.world.plan;
+            let (centre, radius) = (Point2::from(goal), course.task.radius);
+            if goal == course.task.goal || !plan.reaches_circle(centre, radius) || !plan.leaves_circle(centre, radius) {
+                return course.clone();
+            }
+            let mut moved = self.moved.lock().unwrap_or_else(PoisonError::into_inner);
+            let known = moved.iter().find(|known| known.task.name == course.task.name && known.task.goal == goal);
+            if let Some(known) = known {
+                return known.clone();
+            }
+            let new = self.plan(Task { goal, ..course.task.clone() });
+            moved.push(new.clone());
+            new
+        };
+        self.courses.iter().zip(goals).map(at).collect()
+    }
+
+    /// Results of all tasks, in the world as it looks, and with the goals where they are, right behind the last frame that the
+    /// model knows; `without_reflexes`: also run the trials of the policy alone.
     pub fn evaluate(&self, learned: &Learned, without_reflexes: bool) -> Vec<TaskResult> {
         self.evaluate_and_show(learned, without_reflexes).into_iter().map(|(result, _)| result).collect()
     }
@@ -159,14 +195,14 @@ impl Evaluator {
     /// Results of all tasks with the ways of their trials (those with reflexes), in the order of the starts.
     pub fn evaluate_and_show(&self, learned: &Learned, without_reflexes: bool) -> Vec<(TaskResult, Vec<Trip>)> {
         let reflexes = Reflexes::new(&self.scenario.policy);
-        (0..self.starts.len())
-            .map(|task| {
-                let trials = self.run(learned, task, reflexes);
-                let unaided = without_reflexes.then(|| Outcome::new(&self.run(learned, task, Reflexes::OFF)));
-                let result = self.result(task, &Outcome::new(&trials), unaided.as_ref());
-                (result, self.ways(task, trials))
-            })
-            .collect()
+        let courses = self.courses(learned);
+        let tried = courses.iter().enumerate().map(|(task, course)| {
+            let trials = self.run(learned, task, course, reflexes);
+            let unaided = without_reflexes.then(|| Outcome::new(&self.run(learned, task, course, Reflexes::OFF)));
+            let result = self.result(course, &Outcome::new(&trials), unaided.as_ref());
+            (result, course.ways(trials))
+        });
+        tried.collect()
     }
 
     /// The slowest features of a model, at most `most` of them, at all starts, features × starts: what
@@ -175,15 +211,15 @@ impl Evaluator {
     pub fn features(&self, learned: &Learned, most: usize) -> Mat<f64> {
         let seen = self.seen.get_or_init(|| {
             let look = |pose: &Pose| observe(&self.world.looks.camera(0).render(pose), &self.scenario.vision, 0);
-            self.starts.par_iter().flatten().map(look).collect()
+            self.courses.par_iter().flat_map(|course| &course.starts).map(look).collect()
         });
         let phi = learned.features(columns(seen.iter()).as_ref(), Par::Seq);
         // The first one is constant.
         phi.subrows(1, most.min(phi.ncols() / 4).min(phi.nrows().saturating_sub(1))).to_owned()
     }
 
-    fn result(&self, task: usize, outcome: &Outcome, unaided: Option<&Outcome>) -> TaskResult {
-        let optimal = &self.optimal[task];
+    fn result(&self, course: &Course, outcome: &Outcome, unaided: Option<&Outcome>) -> TaskResult {
+        let optimal = &course.optimal;
         let n = optimal.len();
         let arrived = outcome.steps.iter().flatten().count();
         let extra: Vec<f64> = outcome
@@ -193,29 +229,29 @@ impl Evaluator {
             .filter_map(|(steps, best)| Some((*steps)? as f64 - (*best)? as f64))
             .collect();
         TaskResult {
-            name: self.scenario.tasks[task].name.clone(),
+            name: course.task.name.clone(),
             starts: n,
             success: arrived as f64 / n as f64,
             success_wilson_low: wilson_low(arrived, n),
             mean_steps: outcome.mean_steps(),
             optimal_mean_steps: mean(optimal.iter().flatten().map(|&best| best as f64)).unwrap_or(f64::NAN),
             extra_steps: mean(extra.into_iter()),
-            convergence_quality: self.quality(task, outcome),
-            reference_success: self.reference[task],
+            convergence_quality: self.quality(course, outcome),
+            reference_success: course.reference,
             dithers_per_1000: outcome.dithers_per_1000(),
             without_reflexes: unaided.map(|outcome| Unaided {
                 success: outcome.steps.iter().flatten().count() as f64 / n as f64,
                 mean_steps: outcome.mean_steps(),
-                convergence_quality: self.quality(task, outcome),
+                convergence_quality: self.quality(course, outcome),
                 dithers_per_1000: outcome.dithers_per_1000(),
             }),
         }
     }
 
     /// The thesis's convergence quality (definition *conv_qual*), against the optimal number of steps.
-    fn quality(&self, task: usize, outcome: &Outcome) -> f64 {
+    fn quality(&self, course: &Course, outcome: &Outcome) -> f64 {
         let gamma = self.scenario.value.gamma;
-        let ratios = outcome.steps.iter().zip(&self.optimal[task]).map(|(steps, best)| match (steps, best) {
+        let ratios = outcome.steps.iter().zip(&course.optimal).map(|(steps, best)| match (steps, best) {
             // Noise can make a trial shorter than the noise-free optimum: that counts as optimal.
             (Some(steps), Some(best)) => gamma.powi(steps.saturating_sub(*best) as i32),
             // It arrived from where the search found no way within the limit.
@@ -225,13 +261,13 @@ impl Evaluator {
         ratios.sum::<f64>() / outcome.steps.len() as f64
     }
 
-    fn run(&self, learned: &Learned, task: usize, reflexes: Reflexes) -> Vec<Trial> {
+    fn run(&self, learned: &Learned, task: usize, course: &Course, reflexes: Reflexes) -> Vec<Trial> {
         let greedy = |situation: &Situation<'_>| {
             // These trials have a camera.
             let values = situation.seen.map_or([0.0; 3], |seen| learned.q_values(seen, task));
             reflexes.best(values, situation.recent).0
         };
-        self.drive(task, Some(learned.asked_at + 1), &greedy)
+        self.drive(course, Some(learned.asked_at + 1), &greedy)
     }
 
     /// The ways that a policy takes from all starts of a task, with the same noise as every other policy, in the world as it
@@ -239,21 +275,19 @@ impl Evaluator {
     ///
     /// Without a `camera`, which takes most of the time, the policy is shown the pose alone.
     pub fn trips(&self, task: usize, camera: bool, choose: &(dyn Fn(&Situation<'_>) -> Action + Sync)) -> Vec<Trip> {
-        self.ways(task, self.drive(task, camera.then_some(0), choose))
-    }
-
-    fn ways(&self, task: usize, trials: Vec<Trial>) -> Vec<Trip> {
-        let way = |(trial, &optimal): (Trial, &Option<usize>)| {
-            let Trial { poses, arrived, .. } = trial;
-            Trip { poses, arrived, optimal }
-        };
-        trials.into_iter().zip(&self.optimal[task]).map(way).collect()
+        let course = &self.courses[task];
+        course.ways(self.drive(course, camera.then_some(0), choose))
     }
 
     /// All trials of a task, one step of all of them at a time: seen and judged side by side, then driven. `frame` says how the
     /// world looks; without it there is no camera.
-    fn drive(&self, task: usize, frame: Option<u64>, choose: &(dyn Fn(&Situation<'_>) -> Action + Sync)) -> Vec<Trial> {
-        let mut trials = self.begin(task);
+    fn drive(
+        &self,
+        course: &Course,
+        frame: Option<u64>,
+        choose: &(dyn Fn(&Situation<'_>) -> Action + Sync),
+    ) -> Vec<Trial> {
+        let mut trials = self.begin(course);
         for _ in 0..self.scenario.evaluate.max_steps {
             let mut active: Vec<&mut Trial> = trials.iter_mut().filter(|trial| !trial.arrived).collect();
             if active.is_empty() {
@@ -268,27 +302,27 @@ impl Evaluator {
             };
             let actions: Vec<Action> = active.par_iter_mut().map_init(Image::default, judge).collect();
             for (trial, action) in active.iter_mut().zip(actions) {
-                self.act(trial, action, &self.scenario.tasks[task]);
+                self.act(trial, action, &course.task);
             }
         }
         trials
     }
 
-    fn reference_success(&self, task: usize) -> f64 {
-        let goal = Point2::from(self.scenario.tasks[task].goal);
-        let mut trials = self.begin(task);
+    fn reference_success(&self, course: &Course) -> f64 {
+        let goal = Point2::from(course.task.goal);
+        let mut trials = self.begin(course);
         for trial in &mut trials {
             while !trial.arrived && trial.actions.len() < self.scenario.evaluate.max_steps {
                 let action = reference_action(&trial.robot.pose, goal);
-                self.act(trial, action, &self.scenario.tasks[task]);
+                self.act(trial, action, &course.task);
             }
         }
         trials.iter().filter(|trial| trial.arrived).count() as f64 / trials.len() as f64
     }
 
     /// Robots at the starts, each with noise of its own, the same for every policy.
-    fn begin(&self, task: usize) -> Vec<Trial> {
-        let name = &self.scenario.tasks[task].name;
+    fn begin(&self, course: &Course) -> Vec<Trial> {
+        let name = &course.task.name;
         let begin = |(index, &pose): (usize, &Pose)| {
             let noise = |what: &str| stream(self.seed, &format!("evaluate: {what} of {name}, trial {index}"));
             let robot = Robot::new(&self.scenario.robot, pose, noise("motion"));
@@ -306,7 +340,7 @@ impl Evaluator {
                 arrived: false,
             }
         };
-        self.starts[task].iter().enumerate().map(begin).collect()
+        course.starts.iter().enumerate().map(begin).collect()
     }
 
     /// What a robot sees from where it is, in place of what it saw before, in the world as it looks at a frame.
@@ -326,6 +360,16 @@ impl Evaluator {
         trial.poses.push(trial.robot.pose);
         trial.recent = Recent { action: Some(action), blocked };
         trial.arrived = in_goal(task, trial.robot.pose.position);
+    }
+}
+
+impl Course {
+    fn ways(&self, trials: Vec<Trial>) -> Vec<Trip> {
+        let way = |(trial, &optimal): (Trial, &Option<usize>)| {
+            let Trial { poses, arrived, .. } = trial;
+            Trip { poses, arrived, optimal }
+        };
+        trials.into_iter().zip(&self.optimal).map(way).collect()
     }
 }
 

@@ -29,7 +29,6 @@ use crate::replay::Recording;
 use crate::scenario::Scenario;
 use crate::source::Recorded;
 use crate::vision::Observation;
-use crate::world::World;
 
 /// Frames whose features are computed together.
 const BLOCK: usize = 256;
@@ -139,7 +138,6 @@ pub fn export(
     recording: &Recording,
     run: &Path,
     scenario: &Arc<Scenario>,
-    world: Arc<World>,
     model: Option<&Model>,
     images: bool,
     out: &Path,
@@ -157,7 +155,7 @@ pub fn export(
     };
     let mut export = Export { out, parts: out.join(PARTS), about };
     fs::create_dir(&export.parts).map_err(failed(&export.parts))?;
-    export.frames(recording, scenario, world, model, images)?;
+    export.frames(recording, scenario, model, images)?;
     export.messages(recording, scenario)?;
     if let Some(model) = model {
         export.model(model)?;
@@ -223,7 +221,6 @@ impl Export<'_> {
         &mut self,
         recording: &Recording,
         scenario: &Arc<Scenario>,
-        world: Arc<World>,
         model: Option<&Model>,
         images: bool,
     ) -> Result<(), ExportError> {
@@ -242,7 +239,7 @@ impl Export<'_> {
             }
             None => None,
         };
-        let mut source = Recorded::new(scenario.clone(), world, recording.records());
+        let mut source = Recorded::new(scenario.clone(), recording.records());
         let mut block = Vec::new();
         loop {
             let frame = source.take();

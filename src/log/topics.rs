@@ -5,8 +5,8 @@
 use std::{fmt, marker::PhantomData};
 
 use super::messages::{
-    Decision, DictionaryGrowth, Evaluation, FrameTaken, Health, Image, LaserScan, Log, ModelRequest, ModelUpdate,
-    Odometry, PolicyUpdate, PoseStamped, RunEnd, Transition, TwistStamped,
+    Decision, DictionaryGrowth, Evaluation, FrameTaken, GoalMoved, Health, Image, LaserScan, Log, ModelRequest,
+    ModelUpdate, Odometry, PolicyUpdate, PoseStamped, RunEnd, Transition, TwistStamped,
 };
 use super::{Message, cdr};
 
@@ -90,6 +90,8 @@ topics! {
     COMMAND: TwistStamped = "/cmd_vel";
     /// Frames taken from the source.
     FRAME: FrameTaken = "/adagio/frame";
+    /// Goals that were moved.
+    GOAL: GoalMoved = "/adagio/goal";
     /// Actions chosen.
     DECISION: Decision = "/adagio/decision";
     /// Actions completed.

@@ -21,6 +21,8 @@ pub struct Learned {
     pub model: SlowModel<f32>,
     /// Q-weights of each task, `f × 3`: `Q(x, a) = φ(x)ᵀ w_a`.
     pub weights: Vec<Mat<f64>>,
+    /// Centres of the goal areas that the weights were fitted for, by task; none: those of the scenario.
+    pub goals: Vec<[f64; 2]>,
     /// The same Q-values, straight from pixels.
     values: PixelValues,
 }
@@ -56,7 +58,12 @@ impl Learned {
         weights: Vec<Mat<f64>>,
     ) -> Result<Self, PolicyError> {
         let values = PixelValues::new(&model, &weights)?;
-        Ok(Learned { epoch, asked_at, frames, model, weights, values })
+        Ok(Learned { epoch, asked_at, frames, model, weights, goals: Vec::new(), values })
+    }
+
+    /// The same, fitted for goals with these centres, by task.
+    pub fn for_goals(self, goals: Vec<[f64; 2]>) -> Self {
+        Learned { goals, ..self }
     }
 
     /// Width of the kernel, grey levels. A scenario's kernels are radial.

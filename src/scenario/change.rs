@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::keys::{Range, Section};
-use super::sections::Texture;
+use super::sections::{Robot, Texture};
 
 /// Something that changes during the run.
 #[derive(Debug, Clone, PartialEq)]
@@ -31,6 +31,13 @@ pub enum Happens {
         /// The new one.
         texture: Texture,
     },
+    /// The goal of a task is somewhere else.
+    Goal {
+        /// Number of the task, from 0.
+        task: usize,
+        /// The new centre of its goal area, metres.
+        goal: [f64; 2],
+    },
     /// The camera gives the same picture again and again.
     Freeze {
         /// So many frames.
@@ -49,6 +56,7 @@ impl std::fmt::Display for Happens {
             Happens::Light { factor, over: 0 } => write!(f, "light × {factor}"),
             Happens::Light { factor, over } => write!(f, "light × {factor}, within {over} actions"),
             Happens::Paper { wall, .. } => write!(f, "wall {wall} is papered anew"),
+            Happens::Goal { task, goal: [x, y] } => write!(f, "the goal of task {task} moves to ({x}, {y})"),
             Happens::Freeze { frames } => write!(f, "the camera freezes for {frames} frames"),
             Happens::Lose { frames } => write!(f, "the camera loses frames for {frames} frames"),
         }
@@ -56,16 +64,27 @@ impl std::fmt::Display for Happens {
 }
 
 impl Change {
+    /// The first frame of the action before which it happens. Frame 0 is there before the first action.
+    pub fn first_frame(&self, robot: &Robot) -> u64 {
+        self.action as u64 * robot.frames_per_action as u64 + 1
+    }
+
     pub(super) fn read(s: &mut Section<'_, '_>, base: &Path, index: usize) -> Self {
         #[derive(Clone, Copy)]
         enum Kind {
             Light,
             Wall,
+            Goal,
             Freeze,
             Lose,
         }
-        const KINDS: [(&str, Kind); 4] =
-            [("light", Kind::Light), ("wall", Kind::Wall), ("freeze", Kind::Freeze), ("lose", Kind::Lose)];
+        const KINDS: [(&str, Kind); 5] = [
+            ("light", Kind::Light),
+            ("wall", Kind::Wall),
+            ("goal", Kind::Goal),
+            ("freeze", Kind::Freeze),
+            ("lose", Kind::Lose),
+        ];
         const MOST_FRAMES: usize = 1_000_000;
         let action = s.count("action", 0, "", 0, 1_000_000_000, "it happens before this action, counted from 0");
         let what = match s.choice("kind", 0, &KINDS, "what happens") {
@@ -82,6 +101,10 @@ impl Change {
             Kind::Wall => Happens::Paper {
                 wall: s.count("wall", 0, "", 0, 100_000, "number of the wall that is papered anew, from 0"),
                 texture: Texture::new_paper(s, base, index),
+            },
+            Kind::Goal => Happens::Goal {
+                task: s.count("task", 0, "", 0, 100_000, "number of the task whose goal moves, from 0"),
+                goal: s.point("goal", [1.5, 0.9], "the new centre of its goal area"),
             },
             Kind::Freeze => Happens::Freeze {
                 frames: s.count("frames", 50, "frames", 1, MOST_FRAMES, "how long the camera gives the same picture"),

@@ -98,6 +98,14 @@ fn changes(s: &Scenario, reader: &mut Reader<'_>) {
         {
             reader.fault_at(&key, format!("= {wall} is not there: it must be in [0, {}]", walls - 1));
         }
+        let (key, tasks) = (format!("change.{index}.task"), s.tasks.len());
+        if let Happens::Goal { task, .. } = change.what
+            && task >= tasks
+            && tasks > 0
+            && reader.sound(&[&key, "task"])
+        {
+            reader.fault_at(&key, format!("= {task} is not there: it must be in [0, {}]", tasks - 1));
+        }
     }
 }
 
@@ -161,39 +169,59 @@ fn place(s: &Scenario, fault: &PlanFault, reader: &mut Reader<'_>) {
     }
 }
 
+/// A goal area of the scenario, with the keys of its centre and its radius.
+struct Area {
+    keys: [String; 2],
+    centre: [f64; 2],
+    radius: f64,
+}
+
+/// The goal areas of all tasks, and those that they get later.
+fn areas(s: &Scenario) -> Vec<Area> {
+    let at = |key: String, task: usize, centre: [f64; 2]| {
+        let radius = s.tasks.get(task)?.radius;
+        Some(Area { keys: [key, format!("task.{task}.radius")], centre, radius })
+    };
+    let first = s.tasks.iter().enumerate().map(|(index, task)| at(format!("task.{index}.goal"), index, task.goal));
+    let later = s.changes.iter().enumerate().map(|(index, change)| match change.what {
+        Happens::Goal { task, goal } => at(format!("change.{index}.goal"), task, goal),
+        _ => None,
+    });
+    first.chain(later).flatten().collect()
+}
+
 fn goals(s: &Scenario, plan: &Plan, reader: &mut Reader<'_>) {
-    for (index, task) in s.tasks.iter().enumerate() {
-        if !reader.sound(&[&format!("task.{index}.goal"), &format!("task.{index}.radius")]) {
+    for Area { keys: [goal, size], centre, radius } in areas(s) {
+        if !reader.sound(&[&goal, &size]) {
             continue;
         }
-        let goal = Point2::from(task.goal);
-        if !plan.reaches_circle(goal, task.radius) {
+        let place = Point2::from(centre);
+        if !plan.reaches_circle(place, radius) {
             let (low, high) = plan.reachable_box();
             let text = format!(
-                "= {:?} with radius {} m is in a wall or out of reach: the robot's centre can be in [{:.2}, {:.2}] × \
-                 [{:.2}, {:.2}] at most",
-                task.goal, task.radius, low.x, high.x, low.y, high.y
+                "= {centre:?} with radius {radius} m is in a wall or out of reach: the robot's centre can be in [{:.2}, \
+                 {:.2}] × [{:.2}, {:.2}] at most",
+                low.x, high.x, low.y, high.y
             );
-            reader.fault_at(&format!("task.{index}.goal"), text);
-        } else if !plan.leaves_circle(goal, task.radius) {
-            let text =
-                format!("= {} m covers every place that the robot can reach: no start is left outside", task.radius);
-            reader.fault_at(&format!("task.{index}.radius"), text);
+            reader.fault_at(&goal, text);
+        } else if !plan.leaves_circle(place, radius) {
+            let text = format!("= {radius} m covers every place that the robot can reach: no start is left outside");
+            reader.fault_at(&size, text);
         }
     }
 }
 
 /// Goals in walls can be told without knowing what the robot reaches.
 fn goals_alone(s: &Scenario, reader: &mut Reader<'_>) {
-    for (index, task) in s.tasks.iter().enumerate() {
-        let keys = [&format!("task.{index}.goal"), &format!("task.{index}.radius"), "robot.radius"];
-        let clearance = clearance(&s.world.walls, Point2::from(task.goal));
-        if clearance + task.radius < s.robot.radius && reader.sound(&keys) {
+    for Area { keys: [goal, size], centre, radius } in areas(s) {
+        let clearance = clearance(&s.world.walls, Point2::from(centre));
+        if clearance + radius < s.robot.radius && reader.sound(&[&goal, &size, "robot.radius"]) {
             let text = format!(
-                "= {:?} with radius {} m is in a wall: every place in it is closer to a wall than robot.radius = {} m",
-                task.goal, task.radius, s.robot.radius
+                "= {centre:?} with radius {radius} m is in a wall: every place in it is closer to a wall than \
+                 robot.radius = {} m",
+                s.robot.radius
             );
-            reader.fault_at(keys[0], text);
+            reader.fault_at(&goal, text);
         }
     }
 }

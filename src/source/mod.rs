@@ -10,11 +10,8 @@ pub use recorded::{Recorded, Resumed};
 pub use segments::{Cutter, Rule, Segment, Step};
 pub use simulated::Simulated;
 
-use nalgebra::Point2;
-
 use crate::parts::{Parts, PartsError};
-use crate::scenario::Task;
-use crate::world::{Action, Image, Pose, World, in_goal};
+use crate::world::{Action, Image, Pose};
 
 /// One camera frame with what else was sensed at that moment.
 #[derive(Debug, Clone)]
@@ -37,6 +34,17 @@ pub struct Frame {
     pub action: Option<Action>,
     /// Set on the last frame of an action, and on frames before which there was none.
     pub boundary: Option<Boundary>,
+    /// Goals that somebody moved before this frame.
+    pub moved: Vec<GoalMove>,
+}
+
+/// The goal of a task is somewhere else from now on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GoalMove {
+    /// Number of the task, from 0.
+    pub task: usize,
+    /// The centre of its goal area, metres.
+    pub goal: [f64; 2],
 }
 
 /// What the camera saw, before or after vision.
@@ -59,14 +67,10 @@ impl View {
 }
 
 /// What an action came to.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Boundary {
     /// Whether a wall stopped the robot.
     pub blocked: bool,
-    /// Reward of each task.
-    pub rewards: Vec<f64>,
-    /// Whether the robot is in each task's goal area.
-    pub in_goal: Vec<bool>,
 }
 
 /// A robot, simulated, real or recorded, that executes actions and gives frames.
@@ -89,14 +93,5 @@ pub trait Source {
     /// What came of another program's log so far, if that is where the frames are from.
     fn imported(&self) -> Option<ImportReport> {
         None
-    }
-}
-
-/// What an action came to at a place, as the ceiling camera sees it.
-pub(crate) fn boundary(world: &World, tasks: &[Task], position: Point2<f64>, blocked: bool) -> Boundary {
-    Boundary {
-        blocked,
-        rewards: tasks.iter().map(|task| world.reward(task, position)).collect(),
-        in_goal: tasks.iter().map(|task| in_goal(task, position)).collect(),
     }
 }

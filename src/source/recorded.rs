@@ -5,13 +5,13 @@ use std::sync::Arc;
 
 use nalgebra::Point2;
 
-use super::{Frame, Source, View, boundary};
+use super::{Boundary, Frame, GoalMove, Source, View};
 use crate::log::files::FilesReader;
-use crate::log::messages::{self as msg, FrameTaken, Image, LaserScan, Odometry, PoseStamped};
+use crate::log::messages::{self as msg, FrameTaken, GoalMoved, Image, LaserScan, Odometry, PoseStamped};
 use crate::log::{LogError, Message, Record, topics};
 use crate::parts::{Parts, PartsError};
 use crate::scenario::Scenario;
-use crate::world::{Action, Pose, World};
+use crate::world::{Action, Pose};
 
 /// What was sensed with a frame, as far as it was read.
 #[derive(Default)]
@@ -20,14 +20,14 @@ struct Sensed {
     odometry: Option<Pose>,
     sonar: Option<Vec<f32>>,
     taken: Option<FrameTaken>,
+    moved: Vec<GoalMove>,
 }
 
 /// A recorded run as the source of frames. What it is told to do changes nothing: the robot did what it did.
 ///
-/// Rewards and goals are computed again from the recorded pose, so that other tasks can be asked about.
+/// Goals that were moved in the recording are moved again, where the scenario has a task of that name.
 pub struct Recorded {
     scenario: Arc<Scenario>,
-    world: Arc<World>,
     records: FilesReader,
     /// Sequence number of the frame that is being put together.
     sequence: u32,
@@ -40,10 +40,10 @@ pub struct Recorded {
 }
 
 impl Recorded {
-    /// The frames of a run's log files; tasks and world are the scenario's.
-    pub fn new(scenario: Arc<Scenario>, world: Arc<World>, records: FilesReader) -> Self {
+    /// The frames of a run's log files; tasks are the scenario's.
+    pub fn new(scenario: Arc<Scenario>, records: FilesReader) -> Self {
         let (parts, ahead) = (Sensed::default(), VecDeque::new());
-        Recorded { scenario, world, records, sequence: 0, parts, ahead, damaged: 0, skip_to: None }
+        Recorded { scenario, records, sequence: 0, parts, ahead, damaged: 0, skip_to: None }
     }
 
     /// Frames that could not be put together, and records that could not be read, so far.
@@ -91,6 +91,7 @@ impl Recorded {
             topics::ODOMETRY.name(),
             topics::SONAR.name(),
             topics::FRAME.name(),
+            topics::GOAL.name(),
             topics::OBSERVATION.name(),
         ];
         if !part_of_frame.contains(&&**topic) {
@@ -109,6 +110,10 @@ impl Recorded {
             self.parts.sonar = Some(scan.ranges.iter().map(|&range| range.min(scan.range_max)).collect());
         } else if is(topics::FRAME.name()) {
             self.parts.taken = Some(decode(record)?);
+        } else if is(topics::GOAL.name()) {
+            let moved: GoalMoved = decode(record)?;
+            let task = self.scenario.tasks.iter().position(|task| task.name == moved.task);
+            self.parts.moved.extend(task.map(|task| GoalMove { task, goal: [moved.x, moved.y] }));
         } else {
             let image = decode::<Image>(record)?;
             let parts = std::mem::take(&mut self.parts);
@@ -124,7 +129,8 @@ impl Recorded {
     }
 
     fn frame(&self, parts: Sensed, image: Image, stamp_ns: u64) -> Option<Frame> {
-        let Sensed { pose: Some(pose), odometry: Some(odometry), sonar: Some(sonar), taken: Some(taken) } = parts
+        let Sensed { pose: Some(pose), odometry: Some(odometry), sonar: Some(sonar), taken: Some(taken), moved } =
+            parts
         else {
             return None;
         };
@@ -136,7 +142,6 @@ impl Recorded {
             FrameTaken::NO_ACTION => None,
             number => Some(*Action::ALL.get(usize::from(number))?),
         };
-        let came_to = || boundary(&self.world, &self.scenario.tasks, pose.position, taken.blocked);
         Some(Frame {
             number: taken.frame,
             stamp_ns,
@@ -145,7 +150,8 @@ impl Recorded {
             odometry,
             sonar,
             action,
-            boundary: taken.boundary.then(came_to),
+            boundary: taken.boundary.then_some(Boundary { blocked: taken.blocked }),
+            moved,
         })
     }
 }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use nalgebra::Point2;
 
-use super::{Boundary, Frame, Source, View, boundary};
+use super::{Boundary, Frame, Source, View};
 use crate::parts::{Parts, PartsError};
 use crate::random::stream;
 use crate::scenario::Scenario;
@@ -48,6 +48,7 @@ impl Simulated {
             sonar: self.robot.sonar(&self.world.arena),
             action,
             boundary,
+            moved: Vec::new(),
         }
     }
 
@@ -64,16 +65,11 @@ impl Simulated {
         self.picture = looks.is_frozen(number + 1).then(|| image.clone());
         image
     }
-
-    fn boundary(&self, blocked: bool) -> Boundary {
-        boundary(&self.world, &self.scenario.tasks, self.robot.pose.position, blocked)
-    }
 }
 
 impl Source for Simulated {
     fn first(&mut self) -> Option<Frame> {
-        let boundary = self.boundary(false);
-        Some(self.frame(None, Some(boundary)))
+        Some(self.frame(None, Some(Boundary { blocked: false })))
     }
 
     fn execute(&mut self, action: Action, give: &mut dyn FnMut(Frame) -> bool) -> bool {
@@ -82,7 +78,7 @@ impl Source for Simulated {
         let mut blocked = false;
         for index in 1..=frames {
             blocked |= self.robot.drive(motion, &self.world.arena);
-            let boundary = (index == frames).then(|| self.boundary(blocked));
+            let boundary = (index == frames).then_some(Boundary { blocked });
             let lost = boundary.is_none() && self.world.looks.is_lost(self.number);
             let frame = self.frame(Some(action), boundary);
             // It was taken, as without the loss, and never arrives.

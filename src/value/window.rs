@@ -5,19 +5,18 @@ use std::collections::{BTreeMap, VecDeque};
 use super::ValueError;
 use super::error::parameter;
 
-/// One action and what came of it. `S` is what stands for a state (an observation, its number, …).
+/// One action and what came of it. `S` is what stands for a state (an observation, its number, …); `R` is what came of it
+/// beside the state after: rewards, or what rewards are told from where tasks may change while the window rolls.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Transition<S> {
+pub struct Transition<S, R> {
     /// The state before.
     pub from: S,
     /// Action number.
     pub action: usize,
     /// Whether the action was blocked.
     pub blocked: bool,
-    /// Reward of each task.
-    pub rewards: Vec<f64>,
-    /// Whether each task's goal was reached.
-    pub reached: Vec<bool>,
+    /// What came of it.
+    pub result: R,
     /// The state after.
     pub to: S,
     /// Cell of the state before.
@@ -25,7 +24,7 @@ pub struct Transition<S> {
 }
 
 /// A transition with its arrival number.
-type Arrived<S> = (u64, Transition<S>);
+type Arrived<S, R> = (u64, Transition<S, R>);
 
 /// A bounded window over a stream of transitions.
 ///
@@ -34,15 +33,15 @@ type Arrived<S> = (u64, Transition<S>);
 /// States are told apart by a *cell*, for which the nearest support vector serves. The window evicts the oldest transition
 /// of the fullest (cell, action), and [`balance`] weighs what is in it.
 #[derive(Debug, Clone)]
-pub struct Window<S> {
+pub struct Window<S, R> {
     capacity: usize,
     /// Transitions of each (cell, action) in the order of their arrival, each with its arrival number.
-    groups: BTreeMap<(usize, usize), VecDeque<Arrived<S>>>,
+    groups: BTreeMap<(usize, usize), VecDeque<Arrived<S, R>>>,
     len: usize,
     arrivals: u64,
 }
 
-impl<S: Clone> Window<S> {
+impl<S: Clone, R: Clone> Window<S, R> {
     /// An empty window for `capacity` transitions; 0 counts as 1.
     pub fn new(capacity: usize) -> Self {
         Window { capacity: capacity.max(1), groups: BTreeMap::new(), len: 0, arrivals: 0 }
@@ -59,7 +58,7 @@ impl<S: Clone> Window<S> {
     }
 
     /// Add a transition; if the window is full, the oldest of the fullest (cell, action) leaves and is returned.
-    pub fn push(&mut self, transition: Transition<S>) -> Option<Transition<S>> {
+    pub fn push(&mut self, transition: Transition<S, R>) -> Option<Transition<S, R>> {
         let group = self.groups.entry((transition.cell, transition.action)).or_default();
         group.push_back((self.arrivals, transition));
         self.arrivals += 1;
@@ -83,15 +82,15 @@ impl<S: Clone> Window<S> {
 
     /// All transitions with their arrival numbers, in this order, and the number that the next one will get: what
     /// [`Window::restored`] needs to make an equal window.
-    pub fn arrivals(&self) -> (Vec<(u64, &Transition<S>)>, u64) {
-        let mut entries: Vec<(u64, &Transition<S>)> =
+    pub fn arrivals(&self) -> (Vec<(u64, &Transition<S, R>)>, u64) {
+        let mut entries: Vec<(u64, &Transition<S, R>)> =
             self.groups.values().flatten().map(|(number, transition)| (*number, transition)).collect();
         entries.sort_by_key(|entry| entry.0);
         (entries, self.arrivals)
     }
 
     /// A window for `capacity` transitions with these in it. Beyond its capacity the oldest of the fullest leave.
-    pub fn restored(capacity: usize, entries: Vec<(u64, Transition<S>)>, next: u64) -> Self {
+    pub fn restored(capacity: usize, entries: Vec<(u64, Transition<S, R>)>, next: u64) -> Self {
         let mut window = Window::new(capacity);
         for (number, transition) in entries {
             window.arrivals = number;
@@ -102,8 +101,8 @@ impl<S: Clone> Window<S> {
     }
 
     /// All transitions in the order of their arrival.
-    pub fn snapshot(&self) -> Vec<Transition<S>> {
-        let mut entries: Vec<&Arrived<S>> = self.groups.values().flatten().collect();
+    pub fn snapshot(&self) -> Vec<Transition<S, R>> {
+        let mut entries: Vec<&Arrived<S, R>> = self.groups.values().flatten().collect();
         entries.sort_by_key(|entry| entry.0);
         entries.into_iter().map(|(_, transition)| transition.clone()).collect()
     }
@@ -130,8 +129,8 @@ pub fn balance(groups: &[(usize, usize)], exponent: f64) -> Result<Vec<f64>, Val
 mod tests {
     use super::*;
 
-    fn transition(cell: usize, action: usize, id: u32) -> Transition<u32> {
-        Transition { from: id, action, blocked: false, rewards: vec![0.0], reached: vec![false], to: id + 1, cell }
+    fn transition(cell: usize, action: usize, id: u32) -> Transition<u32, f64> {
+        Transition { from: id, action, blocked: false, result: 0.0, to: id + 1, cell }
     }
 
     #[test]

@@ -35,8 +35,7 @@ impl Looks {
         let per_action = scenario.robot.frames_per_action as u64;
         let mut present = scenario.clone();
         for change in changes {
-            // Frame 0 is there before the first action.
-            let first = change.action as u64 * per_action + 1;
+            let first = change.first_frame(&scenario.robot);
             match &change.what {
                 Happens::Light { factor, over } => {
                     looks.light.push((first, first + *over as u64 * per_action, *factor))
@@ -45,6 +44,8 @@ impl Looks {
                     present.world.walls[*wall].texture = texture.clone();
                     looks.cameras.push((first, Arc::new(Camera::new(&present)?)));
                 }
+                // Nothing that one sees.
+                Happens::Goal { .. } => {}
                 Happens::Freeze { frames } => looks.frozen.push((first, first + *frames as u64 - 1)),
                 Happens::Lose { frames } => looks.lost.push((first, first + *frames as u64 - 1)),
             }

@@ -8,9 +8,9 @@ use std::io::Write;
 use adagio::log::{
     LogError, LogWriter, Message, Topic, cdr,
     messages::{
-        Decision, DictionaryGrowth, Evaluation, FrameTaken, Header, Health, Image, LaserScan, Log, ModelRequest,
-        ModelUpdate, Odometry, PolicyUpdate, Pose, PoseStamped, PoseWithCovariance, RunEnd, Time, Transition, Twist,
-        TwistStamped, TwistWithCovariance, Vector3,
+        Decision, DictionaryGrowth, Evaluation, FrameTaken, GoalMoved, Header, Health, Image, LaserScan, Log,
+        ModelRequest, ModelUpdate, Odometry, PolicyUpdate, Pose, PoseStamped, PoseWithCovariance, RunEnd, Time,
+        Transition, Twist, TwistStamped, TwistWithCovariance, Vector3,
     },
     topics,
 };
@@ -45,6 +45,7 @@ pub fn write_samples<W: Write>(
         on.put(topics::SONAR, scan(header.clone(), round))?;
         on.put(topics::COMMAND, TwistStamped { header: header.clone(), twist: twist(round) })?;
         on.put(topics::FRAME, frame(header.clone(), round))?;
+        on.put(topics::GOAL, goal(header.clone(), round))?;
         on.put(topics::DECISION, decision(header.clone(), round))?;
         on.put(topics::TRANSITION, transition(header.clone(), round))?;
         on.put(topics::DICTIONARY, growth(header.clone(), round))?;
@@ -155,6 +156,11 @@ fn frame(header: Header, round: u32) -> FrameTaken {
         boundary: round.is_multiple_of(5),
         blocked: round.is_multiple_of(10),
     }
+}
+
+fn goal(header: Header, round: u32) -> GoalMoved {
+    let task = "corner"[..round as usize % 6].into();
+    GoalMoved { header, frame: u64::from(round) << 33, task, x: 0.1 * f64::from(round), y: -2.5 }
 }
 
 fn request(header: Header, round: u32) -> ModelRequest {
@@ -287,6 +293,7 @@ pub fn decode_all(bytes: &[u8]) {
     let _ = cdr::decode::<Log>(bytes);
     let _ = cdr::decode::<Decision>(bytes);
     let _ = cdr::decode::<FrameTaken>(bytes);
+    let _ = cdr::decode::<GoalMoved>(bytes);
     let _ = cdr::decode::<ModelRequest>(bytes);
     let _ = cdr::decode::<RunEnd>(bytes);
     let _ = cdr::decode::<Transition>(bytes);

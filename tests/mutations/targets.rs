@@ -7,8 +7,8 @@ use std::path::Path;
 
 use adagio::agent::read_checkpoint;
 use adagio::log::messages::{
-    Decision, DictionaryGrowth, Evaluation, FrameTaken, Health, Image, LaserScan, Log, ModelRequest, ModelUpdate,
-    Odometry, PolicyUpdate, PoseStamped, Transition, TwistStamped,
+    Decision, DictionaryGrowth, Evaluation, FrameTaken, GoalMoved, Health, Image, LaserScan, Log, ModelRequest,
+    ModelUpdate, Odometry, PolicyUpdate, PoseStamped, RunEnd, Transition, TwistStamped,
 };
 use adagio::log::{Ending, LogReader, Message, Record, cdr, recover_into, topics};
 use adagio::scenario::Scenario;
@@ -80,7 +80,9 @@ pub fn cdr(bytes: &[u8]) {
     decode::<Log>(bytes);
     decode::<Decision>(bytes);
     decode::<FrameTaken>(bytes);
+    decode::<GoalMoved>(bytes);
     decode::<ModelRequest>(bytes);
+    decode::<RunEnd>(bytes);
     decode::<Transition>(bytes);
     decode::<DictionaryGrowth>(bytes);
     decode::<ModelUpdate>(bytes);

@@ -110,7 +110,8 @@ fn our_stream(settings: &Settings, seed: u64, bench: &Bench<'_>) -> Result<Vec<P
     let status = Status::default();
     let mut source = Simulated::new(scenario.clone(), world.clone());
     let options = RunOptions { evaluator: Some(&evaluator), ..RunOptions::new(bench.stop(), &status) };
-    let ran = agent::run(&scenario, &mut source, log, options).map_err(|error| ExperimentError::Run(error.to_string()));
+    let ran = agent::run(&scenario, &world, &mut source, log, options)
+        .map_err(|error| ExperimentError::Run(error.to_string()));
     bench.go_on()?;
     let point = |point: agent::CurvePoint| Point {
         actions: point.actions as usize,

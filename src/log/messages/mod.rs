@@ -10,8 +10,8 @@ pub mod own;
 pub mod standard;
 
 pub use own::{
-    Decision, DictionaryGrowth, Evaluation, FrameTaken, Health, ModelRequest, ModelUpdate, PolicyUpdate, RunEnd,
-    Transition,
+    Decision, DictionaryGrowth, Evaluation, FrameTaken, GoalMoved, Health, ModelRequest, ModelUpdate, PolicyUpdate,
+    RunEnd, Transition,
 };
 pub use standard::{
     Header, Image, LaserScan, Log, Odometry, Point, Pose, PoseStamped, PoseWithCovariance, Quaternion, Time, Twist,

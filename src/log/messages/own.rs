@@ -63,6 +63,22 @@ impl FrameTaken {
     pub const NO_ACTION: u8 = 255;
 }
 
+/// The goal of a task was moved: actions that end with this frame or later are judged by it, and policies that are fitted
+/// later are for it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct GoalMoved {
+    /// When.
+    pub header: Header,
+    /// The frame.
+    pub frame: u64,
+    /// Name of the task.
+    pub task: String,
+    /// The new centre of the goal area, metres.
+    pub x: f64,
+    /// The same, metres.
+    pub y: f64,
+}
+
 /// No more frames come: what is logged after this finishes the run. A run that goes on later does not hold to it: its last
 /// block of frames was cut short, and its last model was asked for early.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -276,6 +292,8 @@ own_message!(
     "bool boundary",
     "bool blocked",
 );
+
+own_message!(GoalMoved, "std_msgs/Header header", "uint64 frame", "string task", "float64 x", "float64 y",);
 
 own_message!(RunEnd, "std_msgs/Header header", "uint64 frame",);
 

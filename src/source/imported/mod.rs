@@ -29,10 +29,10 @@ use serde::Serialize;
 
 use self::senses::{Sensed, Senses};
 use self::told::Told;
-use super::{Cutter, Frame, Rule, Segment, Source, Step, View, boundary};
+use super::{Boundary, Cutter, Frame, Rule, Segment, Source, Step, View};
 use crate::log::FilesReader;
 use crate::scenario::Scenario;
-use crate::world::{Action, World};
+use crate::world::Action;
 
 /// Most frames that an action of a scenario may have.
 const MOST_FRAMES_PER_ACTION: f64 = 100.0;
@@ -91,7 +91,6 @@ impl Cutting {
 /// Another program's log as the source of frames. What it is told to do changes nothing.
 pub struct Imported {
     scenario: Arc<Scenario>,
-    world: Arc<World>,
     rule: Rule,
     gap_ns: u64,
     senses: Senses,
@@ -139,12 +138,7 @@ impl Imported {
     ///
     /// # Errors
     /// [`ImportError::Nothing`], [`ImportError::Rate`].
-    pub fn open(
-        scenario: Arc<Scenario>,
-        world: Arc<World>,
-        survey: &Survey,
-        roles: &Roles,
-    ) -> Result<Self, ImportError> {
+    pub fn open(scenario: Arc<Scenario>, survey: &Survey, roles: &Roles) -> Result<Self, ImportError> {
         let usual = usual_interval_ns(survey, roles, &scenario);
         let usual = usual.ok_or_else(|| ImportError::Rate("there are no two images".into()))?;
         let robot = &scenario.robot;
@@ -158,7 +152,6 @@ impl Imported {
             gap_ns: (scenario.topics.gap_intervals * usual) as u64,
             senses: Senses::new(scenario.clone(), roles.clone(), FilesReader::new(survey.files.clone())),
             scenario,
-            world,
             cutting,
             held: VecDeque::new(),
             given: false,
@@ -294,7 +287,6 @@ impl Imported {
     /// Make a frame of an image that is held; `ends`: it is at the end of an action, which was blocked or not.
     fn give(&mut self, index: usize, action: Option<Action>, ends: Option<bool>) {
         let Some(sensed) = self.held.get_mut(index) else { return };
-        let boundary = ends.map(|blocked| boundary(&self.world, &self.scenario.tasks, sensed.pose.position, blocked));
         self.ready.push_back(Frame {
             number: self.report.frames,
             stamp_ns: sensed.stamp_ns,
@@ -304,7 +296,8 @@ impl Imported {
             odometry: sensed.pose,
             sonar: std::mem::take(&mut sensed.sonar),
             action,
-            boundary,
+            boundary: ends.map(|blocked| Boundary { blocked }),
+            moved: Vec::new(),
         });
         self.report.frames += 1;
     }
