@@ -81,14 +81,20 @@ impl Known<'_> {
         losses: Vec<(String, String)>,
         steps: &Steps,
     ) -> Result<Made, String> {
+        // Goals may have moved since the first frame.
+        let mut scenario = self.scenario.clone();
+        if let Ok(learned) = self.learned {
+            let goals = scenario.tasks.iter_mut().zip(&learned.goals);
+            goals.for_each(|(task, goal)| task.goal = *goal);
+        }
         let survey = self.learned.as_ref().ok().filter(|_| self.simulated).map(|learned| {
             steps.begin("report: looking around in the simulated room");
-            Survey::new(self.scenario, self.world, learned)
+            Survey::new(&scenario, self.world, learned)
         });
         steps.begin("report: drawing");
         let material = Material {
             gathered,
-            room: Some(Room { scenario: self.scenario, world: self.world }),
+            room: Some(Room { scenario: &scenario, world: self.world }),
             simulated: self.simulated,
             learned: self.learned.clone(),
             survey: survey.as_ref(),
@@ -101,8 +107,8 @@ impl Known<'_> {
         let name = name.as_deref().and_then(Path::file_name).map(|name| name.to_string_lossy().into_owned());
         let title = format!(
             "Adagio: {}, seed {} ({})",
-            self.scenario.name,
-            self.scenario.seed,
+            scenario.name,
+            scenario.seed,
             name.unwrap_or_else(|| run.display().to_string())
         );
         make(&title, &material).map_err(|e| e.to_string())

@@ -154,16 +154,18 @@ impl Evaluator {
         Arc::new(course)
     }
 
-    /// The tasks as they are right behind the last frame that a model knows: for goals that the scenario moves then, the model
-    /// does not know that yet. A goal that lies where nobody can start outside of it stays where it was at first.
+    /// The tasks as they are right behind the last frame that a model knows. A goal that lies where nobody can start outside of it stays where it was at first.
     fn courses(&self, learned: &Learned) -> Vec<Arc<Course>> {
         let mut goals: Vec<[f64; 2]> = self.scenario.tasks.iter().map(|task| task.goal).collect();
         if learned.goals.len() == goals.len() {
             goals.clone_from(&learned.goals);
         }
+        let per_action = self.scenario.robot.frames_per_action as u64;
         for change in &self.scenario.changes {
+            // During the action before which it moves, the model may not know it yet: see [`Change`](crate::scenario::Change).
             if let Happens::Goal { task, goal } = change.what
-                && change.first_frame(&self.scenario.robot) == learned.asked_at + 1
+                && (0..per_action)
+                    .contains(&(learned.asked_at + 1).wrapping_sub(change.first_frame(&self.scenario.robot)))
             {
                 goals[task] = goal;
             }

@@ -1,12 +1,18 @@
 //! Success, convergence quality and slowness over frames; how the dictionary grew, and where its members were taken.
 
+use plotters::style::RGBColor;
+
 use super::policy::{between, visits};
 use super::{Figure, Item, Material, Section};
+use crate::log::messages::GoalMoved;
 use crate::report::Numbered;
 use crate::report::draw::{Axis, Chart, Colours, DrawError, Line, Mark, Panel, Panels, SERIES, Stroke};
 
 /// How many models a stranger needs to see a curve.
 const FEW: usize = 2;
+
+/// What happened at a moment.
+const GREY: RGBColor = RGBColor(130, 130, 130);
 
 pub fn section(material: &Material<'_>) -> Result<Section, DrawError> {
     let gathered = material.gathered;
@@ -18,24 +24,34 @@ pub fn section(material: &Material<'_>) -> Result<Section, DrawError> {
         ));
     } else {
         let each = || gathered.tried.iter().enumerate();
+        let moves = || gathered.moved.iter().map(|moved| upright(moved.frame));
         let lines = each()
             .map(|(i, (task, tried))| {
                 let points = tried.iter().map(|tried| (tried.frame as f64, tried.success)).collect();
                 let line = Line::new(task, SERIES[i % SERIES.len()], points).drawn(Stroke::Points);
                 line.with_band(tried.iter().map(|tried| (tried.frame as f64, tried.low, tried.success)).collect())
             })
+            .chain(moves())
             .collect();
         let title = "Success over frames";
         let y = || Axis::new("share of trials that arrive").within(0.0, 1.05);
         let svg = Chart::new(title, Axis::new("frames learned from"), y(), lines).svg()?;
-        let caption = "From random starts, in trials beside the run. The band reaches down to the lower end of the 95 % interval.";
-        items.push(Item::Figure(Figure::new("success", title, caption, svg)));
+        let mut caption =
+            "From random starts, in trials beside the run. The band reaches down to the lower end of the 95 % \
+                           interval."
+                .to_owned();
+        for GoalMoved { frame, task, x, y, .. } in &gathered.moved {
+            caption +=
+                &format!(" The goal of {task} moved to ({x:.2}, {y:.2}) m at frame {} (dashed).", Numbered(*frame));
+        }
+        items.push(Item::Figure(Figure::new("success", title, &caption, svg)));
 
         let lines = each()
             .map(|(i, (task, tried))| {
                 let points = tried.iter().map(|tried| (tried.frame as f64, tried.quality)).collect();
                 Line::new(task, SERIES[i % SERIES.len()], points).drawn(Stroke::Points)
             })
+            .chain(moves())
             .collect();
         let title = "Convergence quality over frames";
         let y = Axis::new("quality (1: optimal)").within(0.0, 1.05);
@@ -62,6 +78,11 @@ pub fn section(material: &Material<'_>) -> Result<Section, DrawError> {
         items.push(Item::Figure(Figure::new("slowness-over-frames", title, caption, svg)));
     }
     Ok(Section { name: "learning", heading: "How it learned", items })
+}
+
+/// A line at a frame, over all shares.
+fn upright(frame: u64) -> Line {
+    Line::new("", GREY, vec![(frame as f64, 0.0), (frame as f64, 1.0)]).drawn(Stroke::Dashed)
 }
 
 /// Growth of the dictionary, and where its members were taken.

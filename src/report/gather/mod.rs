@@ -16,7 +16,8 @@ use mcap::MAGIC;
 use nalgebra::Point2;
 
 use crate::log::messages::{
-    Decision, DictionaryGrowth, Evaluation, FrameTaken, Health, Image, Log, ModelUpdate, PoseStamped, Transition,
+    Decision, DictionaryGrowth, Evaluation, FrameTaken, GoalMoved, Health, Image, Log, ModelUpdate, PoseStamped,
+    Transition,
 };
 use crate::log::writer::METADATA_NAME;
 use crate::log::{FilesReader, LogError, Record, topics};
@@ -107,6 +108,8 @@ pub struct Gathered {
     pub warnings: u64,
     /// The first of them.
     pub said: Vec<(f64, String)>,
+    /// Goals that were moved: frame, task, new centre; at most [`SHOWN`].
+    pub moved: Vec<GoalMoved>,
     recent: VecDeque<(u64, Pose)>,
     sequence: Option<u32>,
     /// Whether the first observation of this file follows the last one before; none before it is read.
@@ -211,6 +214,7 @@ impl Gathered {
             dropped: 0,
             warnings: 0,
             said: Vec::new(),
+            moved: Vec::new(),
             recent: VecDeque::new(),
             sequence: None,
         }
@@ -263,6 +267,11 @@ impl Gathered {
             self.observed(sequence, record)?;
         } else if is(topics::FRAME.name()) {
             self.taken(&record.decode()?);
+        } else if is(topics::GOAL.name()) {
+            let moved: GoalMoved = record.decode()?;
+            if self.moved.len() < SHOWN && moved.x.is_finite() && moved.y.is_finite() {
+                self.moved.push(moved);
+            }
         } else if is(topics::DECISION.name()) {
             let decision: Decision = record.decode()?;
             self.decided[usize::from(decision.behaviour == Decision::PURSUE)] += 1;
