@@ -6,7 +6,7 @@ mod common;
 use std::path::Path;
 use std::sync::Arc;
 
-use adagio::log::messages::GoalMoved;
+use adagio::log::messages::{GoalMoved, ModelUpdate};
 use adagio::log::{LogReader, Record, topics};
 use adagio::scenario::Scenario;
 use adagio::source::{Frame, Simulated, Source};
@@ -195,16 +195,23 @@ fn a_goal_that_moves_is_in_the_log_once_and_a_replay_moves_it_again() {
     let folder = tempfile::tempdir().unwrap();
     let run = changing_run(folder.path(), "moved", GOAL, &[]);
     let bytes = std::fs::read(run.join("run_000.mcap")).unwrap();
-    let mut moves = Vec::new();
+    let (mut moves, mut models) = (Vec::new(), Vec::new());
     for record in LogReader::new(bytes.as_slice(), "moved") {
         let record = record.unwrap();
         if matches!(&record, Record::Message { topic, .. } if **topic == *topics::GOAL.name()) {
             moves.push(record.decode::<GoalMoved>().unwrap());
         }
+        if matches!(&record, Record::Message { topic, .. } if **topic == *topics::MODEL.name()) {
+            models.push(record.decode::<ModelUpdate>().unwrap());
+        }
     }
     let [moved] = &moves[..] else { panic!("{moves:?}") };
     // Judged at the end of the action before which it moved.
     assert_eq!((moved.frame, moved.task.as_str(), moved.x, moved.y), (1000, "centre", 2.2, 1.2));
+    // Policies for it are fitted at once, on the features that there are.
+    let [before, at_once] = [999, 1000].map(|frame| models.iter().find(|model| model.asked_at_frame == frame).unwrap());
+    assert_eq!((&at_once.digest, at_once.epoch), (&before.digest, before.epoch + 1));
+    assert_eq!(at_once.effective_at_frame, 1250);
     let verified = adagio(folder.path(), &["replay", "moved", "--verify", "--quiet"]);
     assert!(verified.status.success(), "{}{}", stdout(&verified), stderr(&verified));
 

@@ -268,7 +268,6 @@ fn mutated_bags_are_read_to_their_end() {
     let whole = std::fs::read(&path).unwrap();
     let sets = ["dictionary.sigma_frames=50".to_owned()];
     let scenario = Arc::new(Scenario::load(&package_file("scenarios/smoke.toml"), &sets).unwrap());
-    let world = Arc::new(World::new(&scenario).unwrap());
     let mut rng = common::generator(5);
     let (mut read, mut refused, mut frames) = (0, 0, 0);
     for _ in 0..400 {

@@ -337,5 +337,5 @@ fn impossible_requests_are_refused_with_their_numbers() {
     let endless = FiniteMdp::with_target_rewards(2, 1, 1.0, &[0.0, 1.0], |s, _| vec![(s, 1.0)]).unwrap();
     assert_eq!(exact::policy_iteration(&endless).unwrap_err(), ValueError::Endless { state: 0 });
     assert!(exact::policy_iteration(&boyan::process().unwrap()).is_ok());
-    assert_eq!(Window::<u32>::new(0).len(), 0);
+    assert_eq!(Window::<u32, f64>::new(0).len(), 0);
 }

@@ -37,14 +37,14 @@ pub struct Percept {
 /// A transition of the window, judged by where the goals are.
 pub type Lived = Transition<Arc<Observation>, Judged>;
 
-/// From perceive to solve: everything that a new model is made of.
+/// From perceive to solve: everything that new policies are made of.
 pub struct SolveRequest {
     pub asked_at: u64,
     /// Time of that frame.
     pub stamp_ns: u64,
     pub frames: u64,
-    pub dictionary: Dictionary<f32>,
-    pub moments: Moments,
+    /// What new features are made of; without it the last ones stay, as where only a goal has moved.
+    pub sums: Option<(Dictionary<f32>, Moments)>,
     pub window: Vec<Lived>,
     /// Where the goals are, by task.
     pub goals: Vec<[f64; 2]>,

@@ -101,6 +101,8 @@ pub struct Perceive {
     asked: Vec<u64>,
     /// Whether a model is due that was not asked for yet.
     owed: bool,
+    /// Whether policies for where the goals are now were not asked for yet.
+    refit: bool,
     last_request: Option<u64>,
     frames: u64,
     stamp_ns: u64,
@@ -122,6 +124,7 @@ impl Perceive {
             last_boundary: None,
             asked: Vec::new(),
             owed: false,
+            refit: false,
             last_request: None,
             frames: 0,
             stamp_ns: 0,
@@ -159,9 +162,9 @@ impl Perceive {
             Some(_) => self.goals.follow(frame.number, &frame.moved),
             None => Vec::new(),
         };
-        // Policies for where the goals are now.
-        self.owed |= !moved.is_empty();
-        if self.schedule.announces(frame.number, self.owed || self.schedule.is_due(self.frames)) {
+        // Before the first model there is nothing to fit again.
+        self.refit |= !moved.is_empty() && self.last_request.is_some();
+        if self.schedule.announces(frame.number, self.refit || self.schedule.is_due(self.frames)) {
             self.asked.push(frame.number);
         }
         let percept = frame.boundary.map(|boundary| Percept {
@@ -180,13 +183,16 @@ impl Perceive {
     /// is owed. `has_room`: whether the solver is free.
     pub fn learn(&mut self, has_room: bool) -> Result<Learning, PerceiveError> {
         self.owed |= self.schedule.is_due(self.frames);
-        let due = self.last_number.is_some_and(|frame| self.schedule.asks(frame, self.owed, has_room));
+        let wanted = self.owed || self.refit;
+        let due = self.last_number.is_some_and(|frame| self.schedule.asks(frame, wanted, has_room));
+        let keeps_features = self.refit && !self.owed;
         self.owed &= !due;
+        self.refit &= !due;
         let gathering = self.stream.is_none() && self.scenario.dictionary.sigma.is_none();
         let block =
             if gathering { self.scenario.dictionary.sigma_frames } else { self.scenario.dictionary.block_frames };
         let growth = if due || self.pending.len() >= block { self.flush()? } else { None };
-        let request = if due { self.request()? } else { None };
+        let request = if due { self.request(keeps_features)? } else { None };
         Ok(Learning { growth, request })
     }
 
@@ -194,21 +200,26 @@ impl Perceive {
     pub fn finish(&mut self) -> Result<Learning, PerceiveError> {
         let growth = self.flush()?;
         let already = self.last_request.is_some() && self.last_request == self.last_number;
-        let request = if already { None } else { self.request()? };
+        let request = if already { None } else { self.request(false)? };
         Ok(Learning { growth, request })
     }
 
-    fn request(&mut self) -> Result<Option<SolveRequest>, PerceiveError> {
+    fn request(&mut self, keeps_features: bool) -> Result<Option<SolveRequest>, PerceiveError> {
         let (Some(asked_at), Some(stream)) = (self.last_number, self.stream.as_mut()) else { return Ok(None) };
         self.last_request = Some(asked_at);
         let refuse = |cause| PerceiveError::Block { last_frame: asked_at, cause };
-        let moments = stream.settled_moments().map_err(refuse)?.clone();
+        let sums = match keeps_features {
+            true => None,
+            false => {
+                let moments = stream.settled_moments().map_err(refuse)?.clone();
+                Some((stream.dictionary().clone(), moments))
+            }
+        };
         Ok(Some(SolveRequest {
             asked_at,
             stamp_ns: self.stamp_ns,
             frames: self.frames,
-            dictionary: stream.dictionary().clone(),
-            moments,
+            sums,
             window: self.judged_window(),
             goals: self.goals.centres(),
         }))
@@ -333,6 +344,7 @@ impl Persist for Perceive {
         parts.inner("goals", &mut self.goals)?;
         parts.value("last_number", &mut self.last_number)?;
         parts.value("owed", &mut self.owed)?;
+        parts.value("refit", &mut self.refit)?;
         parts.value("last_request", &mut self.last_request)?;
         parts.value("frames", &mut self.frames)?;
         parts.value("stamp_ns", &mut self.stamp_ns)?;

@@ -7,7 +7,7 @@ use super::messages::{FitRequest, SolveRequest};
 use crate::dictionary::Dictionary;
 use crate::parts::{Parts, PartsError, Persist};
 use crate::scenario;
-use crate::slow::{SlowError, SlowFeatures, SlowModel, SolveOptions, Solver, solve_with};
+use crate::slow::{Moments, SlowError, SlowFeatures, SlowModel, SolveOptions, Solver, solve_with};
 
 /// The solver; it keeps its last solution to align the next one with.
 pub struct Solve {
@@ -30,25 +30,33 @@ impl Solve {
         Solve { settings: settings.clone(), options, previous: None }
     }
 
-    /// Slow features over the request's dictionary. Where there are fewer directions than features asked for, as at the start
-    /// of a run, there are fewer features.
+    /// Slow features for a request, or the last ones again if it brings nothing to make new ones of.
     pub fn step(&mut self, request: SolveRequest) -> FitRequest {
-        let features = self.settings.features.min(request.moments.size());
-        let previous = self.previous.as_ref().and_then(|solved| solved.over(&request.dictionary).ok());
-        let solve = |k| solve_with(&request.moments, k, self.settings.lambda, previous.as_ref(), &self.options);
-        let solved = match solve(features) {
+        let SolveRequest { asked_at, frames, sums, window, goals, .. } = request;
+        let model = match &sums {
+            Some((dictionary, moments)) => self.solve(dictionary, moments).map_err(|error| error.to_string()),
+            None => {
+                let last = self.previous.as_ref().map(|solved| solved.model.clone());
+                last.ok_or_else(|| "there are no features yet to fit policies on".to_owned())
+            }
+        };
+        FitRequest { asked_at, frames, model, window, goals }
+    }
+
+    /// Slow features over a dictionary. Where there are fewer directions than features asked for, as at the start of a run,
+    /// there are fewer features.
+    fn solve(&mut self, dictionary: &Dictionary<f32>, moments: &Moments) -> Result<SlowModel<f32>, SlowError> {
+        let features = self.settings.features.min(moments.size());
+        let previous = self.previous.as_ref().and_then(|solved| solved.over(dictionary).ok());
+        let solve = |k| solve_with(moments, k, self.settings.lambda, previous.as_ref(), &self.options);
+        let features = match solve(features) {
             Err(SlowError::Features { rank, .. }) if rank > 0 => solve(rank),
             other => other,
-        };
-        let model = solved.and_then(|features| {
-            let model = SlowModel::new(&request.dictionary, &features)?;
-            let serials = request.dictionary.serials().to_vec();
-            self.previous = Some(Solved { features, model: model.clone(), serials });
-            Ok(model)
-        });
-        let model = model.map_err(|error| error.to_string());
-        let SolveRequest { asked_at, frames, window, goals, .. } = request;
-        FitRequest { asked_at, frames, model, window, goals }
+        }?;
+        let model = SlowModel::new(dictionary, &features)?;
+        let serials = dictionary.serials().to_vec();
+        self.previous = Some(Solved { features, model: model.clone(), serials });
+        Ok(model)
     }
 }
 

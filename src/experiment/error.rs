@@ -4,11 +4,11 @@ use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
-use super::plot::DrawError;
 use crate::dictionary::DictionaryError;
 use crate::kernel::KernelError;
 use crate::policy::PolicyError;
 use crate::regression::RegressionError;
+use crate::report::draw::DrawError;
 use crate::scenario::ScenarioError;
 use crate::slow::SlowError;
 use crate::slow::coherence::CoherenceError;

@@ -14,12 +14,13 @@ use serde::{Deserialize, Serialize};
 
 use super::lab::Lab;
 use super::maps::{Grid, HEADINGS, Map, sheet};
-use super::plot::{Line, Scale, chart};
+use super::plot::{Line, chart};
 use super::{Band, Bench, Cell, Experiment, ExperimentError, Results, Sizes, Table};
 use crate::dictionary::{Ald, Parameters, WhenFull, width_for_size};
 use crate::kernel::Kernel;
 use crate::policy::columns;
 use crate::random::stream;
+use crate::report::draw;
 use crate::slow::ica::{Contrast, Options as IcaOptions, fast_ica};
 use crate::slow::theory::{Axis, OptimalResponses, plane_motion};
 use crate::slow::{Link, SlowModel, SlowStream, StreamOptions, solve};
@@ -379,7 +380,8 @@ fn plots(found: &[Vec<Outcome>; 2], lab: &Lab, grid: Grid) -> Result<Vec<(String
         };
         let lines: Vec<Line> = outcome.cells.tuning.iter().take(LINE).enumerate().map(line).collect();
         let title = format!("{}: components by heading, means over places", MOTIONS[1].0);
-        let chart = chart(&title, (&Scale::new("heading, °").within(0.0, 360.0), &Scale::new("activity")), &lines)?;
+        let chart =
+            chart(&title, (&draw::Axis::new("heading, °").within(0.0, 360.0), &draw::Axis::new("activity")), &lines)?;
         plots.push(("tuning.svg".to_owned(), chart));
     }
     Ok(plots)

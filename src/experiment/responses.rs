@@ -10,10 +10,11 @@ use serde::{Deserialize, Serialize};
 
 use super::lab::{FRAMES, Lab, points};
 use super::maps::{Grid, HEADINGS, Map, sheet};
-use super::plot::{Line, Scale, chart};
+use super::plot::{Line, chart};
 use super::spans::{best_pair, by_place, standardised};
 use super::trained::{Training, train};
 use super::{Band, Bench, Cell, Experiment, ExperimentError, Results, Sizes, Table};
+use crate::report::draw::Axis;
 use crate::slow::theory::Response;
 use crate::world::Pose;
 
@@ -346,7 +347,7 @@ fn plots(outcome: &Outcome, lab: &Lab, outcomes: &[Outcome]) -> Result<Vec<(Stri
     );
     let overlap = chart(
         "Span of the first features and of as many optimal responses",
-        (&Scale::new("features and responses"), &Scale::new("mean cos² of the principal angles").within(0.0, 1.0)),
+        (&Axis::new("features and responses"), &Axis::new("mean cos² of the principal angles").within(0.0, 1.0)),
         &[sets],
     )?;
     Ok(vec![

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use super::lab::{FRAMES, Lab, TRANSITIONS, Walked};
 use super::pipeline::{NU, Widths, slow_features};
-use super::plot::{Line, Scale, chart};
+use super::plot::{Line, chart};
 use super::quality::{Quality, reference_trips};
 use super::trained::{Iteration, Sampled, Trained, Training, trips};
 use super::{Band, Bench, Cell, Experiment, ExperimentError, Once, Results, Sizes, Table};
@@ -22,6 +22,7 @@ use crate::dictionary::{
 use crate::evaluate::{Evaluator, Trip, decode_pose};
 use crate::kernel::Kernel;
 use crate::policy::Learned;
+use crate::report::draw::Axis;
 use crate::slow::SlowModel;
 
 /// The experiment.
@@ -305,13 +306,13 @@ fn plots(found: &Found, tasks: &[String]) -> Result<Vec<(String, String)>, Exper
         };
         Rule::ALL.into_iter().enumerate().map(line).collect()
     };
-    let x = Scale::new("support vectors").log();
+    let x = Axis::log("support vectors");
     let mut plots = vec![
         (
             "position.svg".to_owned(),
             chart(
                 "Error of the position that is read off the features",
-                (&x, &Scale::new("root mean square, m")),
+                (&x, &Axis::new("root mean square, m")),
                 &lines(&|outcome| Some(outcome.position_error_m)),
             )?,
         ),
@@ -319,7 +320,7 @@ fn plots(found: &Found, tasks: &[String]) -> Result<Vec<(String, String)>, Exper
             "slowness.svg".to_owned(),
             chart(
                 "Mean slowness of the first features",
-                (&x, &Scale::new("slowness Δ, 1/s²")),
+                (&x, &Axis::new("slowness Δ, 1/s²")),
                 &lines(&|outcome| Some(outcome.slowness)),
             )?,
         ),
@@ -327,7 +328,7 @@ fn plots(found: &Found, tasks: &[String]) -> Result<Vec<(String, String)>, Exper
     for (number, task) in tasks.iter().enumerate() {
         let quality = chart(
             &format!("Convergence quality, {task}"),
-            (&x, &Scale::new("convergence quality C, against the optimum").within(0.0, 1.0)),
+            (&x, &Axis::new("convergence quality C, against the optimum").within(0.0, 1.0)),
             &lines(&|outcome| Some(outcome.policies.get(number)?.quality)),
         )?;
         plots.push((format!("quality-{}.svg", number + 1), quality));

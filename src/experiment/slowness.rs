@@ -11,8 +11,9 @@ use serde::{Deserialize, Serialize};
 
 use super::lab::{Data, FRAMES, Lab, Walked, points};
 use super::pipeline::{LAMBDA, NU, Widths, slow_features, slowness_of};
-use super::plot::{Line, Scale, chart};
+use super::plot::{Line, chart};
 use super::{Band, Bench, Cell, Experiment, ExperimentError, Once, Results, Sizes, Table};
+use crate::report::draw::Axis;
 use crate::slow::LinearStream;
 
 /// The experiment.
@@ -352,8 +353,8 @@ impl Shown {
             let line = Line::new(name, number, points);
             all.push(if matches!(method, Method::Kernel(_)) { line } else { line.dashed() });
         }
-        let vectors = Scale::new("support vectors").log();
-        let slowness = Scale::new("slowness Δ, 1/s²").log();
+        let vectors = Axis::log("support vectors");
+        let slowness = Axis::log("slowness Δ, 1/s²");
         Ok(vec![
             (
                 "vectors.svg".into(),
@@ -361,7 +362,7 @@ impl Shown {
             ),
             (
                 "features.svg".into(),
-                chart("Slowness of each feature, 32 × 16 pixels", (&Scale::new("feature"), &slowness), &all)?,
+                chart("Slowness of each feature, 32 × 16 pixels", (&Axis::new("feature"), &slowness), &all)?,
             ),
         ])
     }

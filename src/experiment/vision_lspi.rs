@@ -8,11 +8,12 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::lab::{FRAMES, Lab, TRANSITIONS};
-use super::plot::{Line, Scale, chart};
+use super::plot::{Line, chart};
 use super::quality::{Quality, reference_trips};
 use super::trained::{Iteration, Sampled, Trained, Training, quality, train};
 use super::{Band, Bench, Cell, Experiment, ExperimentError, Once, Results, Sizes, Table};
 use crate::evaluate::{Evaluator, Trip};
+use crate::report::draw::Axis;
 
 /// The experiment.
 pub const EXPERIMENT: Experiment = Experiment {
@@ -188,15 +189,15 @@ fn plots(found: &Found) -> Result<Vec<(String, String)>, ExperimentError> {
         };
         Iteration::ALL.into_iter().enumerate().map(line).collect::<Vec<_>>()
     };
-    let x = Scale::new("features d").log();
+    let x = Axis::log("features d");
     let quality = chart(
         "Convergence quality against the optimum, by number of slow features",
-        (&x, &Scale::new("convergence quality C").within(0.0, 1.0)),
+        (&x, &Axis::new("convergence quality C").within(0.0, 1.0)),
         &lines(&|quality| Some(quality.quality)),
     )?;
     let more = chart(
         "Steps more than the reference policy, by number of slow features",
-        (&x, &Scale::new("log_γ C against the reference").within(-1.5, 8.0)),
+        (&x, &Axis::new("log_γ C against the reference").within(-1.5, 8.0)),
         &lines(&|quality| quality.more_than_reference),
     )?;
     Ok(vec![("quality.svg".into(), quality), ("steps.svg".into(), more)])

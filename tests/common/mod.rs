@@ -167,11 +167,12 @@ pub fn python(script: &str, arguments: &[&str]) -> Option<String> {
 
 /// The records of a log as they lie in it: place, kind, length of the body.
 pub fn records_of(log: &[u8]) -> Vec<(usize, u8, usize)> {
-    let (mut at, mut found) = (8, Vec::new());
-    while at + 9 <= log.len() {
+    let (mut at, mut found) = (8_usize, Vec::new());
+    while at.saturating_add(9) <= log.len() {
         let length = u64::from_le_bytes(log[at + 1..at + 9].try_into().unwrap()) as usize;
         found.push((at, log[at], length));
-        at += 9 + length;
+        // A length of a damaged log may be anything.
+        at = at.saturating_add(9).saturating_add(length);
     }
     found
 }

@@ -89,7 +89,7 @@ pub fn log(rng: &mut ChaCha8Rng, corpus: &[Vec<u8>], records: impl Fn(&[u8]) -> 
             }
             _ => {
                 // A record leaves, or comes twice.
-                let end = (at + 9 + length).min(log.len());
+                let end = (at + 9).saturating_add(length).min(log.len());
                 let record: Vec<u8> = log.drain(at..end).collect();
                 if rng.random() {
                     log.splice(at..at, [record.clone(), record].concat());

@@ -14,12 +14,13 @@ use serde::Serialize;
 
 use self::field::{Field, Point, field};
 use super::lab::{Data, Lab};
-use super::plot::{Line, Scale, chart};
+use super::plot::{Line, chart};
 use super::trained::{Training, train};
 use super::{Band, Bench, Cell, Experiment, ExperimentError, Once, Results, Sizes, Table};
 use crate::agent::{self, RunOptions, Status};
 use crate::evaluate::Evaluator;
 use crate::log::{LogOptions, Nowhere, Rotation, RunLog};
+use crate::report::draw::Axis;
 use crate::slow::SlowModel;
 use crate::source::Simulated;
 
@@ -267,8 +268,8 @@ fn plots(found: &Found, most: usize) -> Result<Vec<(String, String)>, Experiment
         };
         found.iter().enumerate().map(line).collect()
     };
-    let x = Scale::new("actions");
-    let y = |name: &str| Scale::new(name).within(0.0, 1.0);
+    let x = Axis::new("actions");
+    let y = |name: &str| Axis::new(name).within(0.0, 1.0);
     Ok(vec![
         (
             "success.svg".into(),

@@ -1,9 +1,10 @@
 //! Tables and plots of `pose-lspi`, and what the thesis says of them.
 
-use super::super::plot::{Line, Scale, chart};
+use super::super::plot::{Line, chart};
 use super::super::quality::Quality;
 use super::super::{Band, Cell, ExperimentError, Table};
 use super::{Fitted, Found, Kind, REGIME, VARIANTS};
+use crate::report::draw::Axis;
 
 /// What was found, for showing it.
 pub struct Shown {
@@ -152,18 +153,18 @@ impl Shown {
             }
             lines
         };
-        let x = Scale::new("features d").log();
+        let x = Axis::log("features d");
         let mut plots = Vec::new();
         for kind in Kind::ALL {
             let name = if kind == Kind::Thesis { "thesis" } else { "blocked" };
             let quality = chart(
                 &format!("Convergence quality, transitions {}", kind.name()),
-                (&x, &Scale::new("convergence quality C, against the optimum").within(0.0, 1.0)),
+                (&x, &Axis::new("convergence quality C, against the optimum").within(0.0, 1.0)),
                 &lines(kind, &|quality| Some(quality.quality)),
             )?;
             let more = chart(
                 &format!("Steps more than the reference policy, transitions {}", kind.name()),
-                (&x, &Scale::new("log_γ C against the reference").within(-1.5, 8.0)),
+                (&x, &Axis::new("log_γ C against the reference").within(-1.5, 8.0)),
                 &lines(kind, &|quality| quality.more_than_reference),
             )?;
             plots.extend([(format!("quality-{name}.svg"), quality), (format!("steps-{name}.svg"), more)]);

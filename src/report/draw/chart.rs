@@ -1,6 +1,6 @@
 //! Charts of lines over one axis, with bands, linear or logarithmic.
 
-use plotters::coord::ranged1d::{Ranged, ValueFormatter};
+use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
 use plotters::prelude::*;
 
 use super::{Area, DrawError, Drawn, FAINT, INK, SMALL, TEXT, TOP, WIDTH, sheet, short, text, width_of};
@@ -59,6 +59,65 @@ impl Axis {
         // Room above the highest line, and below the lowest if that is not the axis.
         let room = if from_zero { 0.05 * (high - low) } else { 0.0 };
         (if low < 0.0 { low - room } else { low }, high + room)
+    }
+}
+
+/// An axis with its ends, and round numbers at its grid lines.
+#[derive(Clone)]
+struct Span {
+    log: bool,
+    low: f64,
+    high: f64,
+}
+
+impl Span {
+    /// Where a value is, from 0 to 1 along the axis; what is beyond its ends is at them.
+    fn place(&self, value: f64) -> f64 {
+        let value = value.clamp(self.low, self.high);
+        if self.log {
+            (value.ln() - self.low.ln()) / (self.high.ln() - self.low.ln())
+        } else {
+            (value - self.low) / (self.high - self.low)
+        }
+    }
+
+    /// Round numbers between the ends.
+    fn ticks(&self) -> Vec<f64> {
+        if self.log {
+            let steps: &[f64] = if self.high / self.low > 300.0 { &[1.0] } else { &[1.0, 2.0, 5.0] };
+            let decades = self.low.log10().floor() as i32..=self.high.log10().ceil() as i32;
+            let all = decades.flat_map(|decade| steps.iter().map(move |step| step * 10f64.powi(decade)));
+            return all.filter(|tick| (self.low..=self.high).contains(tick)).collect();
+        }
+        let rough = (self.high - self.low) / 6.0;
+        let decade = 10f64.powf(rough.log10().floor());
+        let step = [1.0, 2.0, 2.5, 5.0, 10.0].map(|step| step * decade).into_iter().find(|step| *step >= rough);
+        let step = step.unwrap_or(10.0 * decade);
+        let (first, last) = ((self.low / step).ceil() as i64, (self.high / step).floor() as i64);
+        (first..=last).map(|tick| tick as f64 * step).collect()
+    }
+}
+
+impl Ranged for Span {
+    type FormatOption = NoDefaultFormatting;
+    type ValueType = f64;
+
+    fn map(&self, value: &f64, (from, to): (i32, i32)) -> i32 {
+        from + (self.place(*value) * f64::from(to - from)).round() as i32
+    }
+
+    fn key_points<H: KeyPointHint>(&self, _: H) -> Vec<f64> {
+        self.ticks()
+    }
+
+    fn range(&self) -> std::ops::Range<f64> {
+        self.low..self.high
+    }
+}
+
+impl ValueFormatter<f64> for Span {
+    fn format(value: &f64) -> String {
+        short(*value)
     }
 }
 
@@ -143,8 +202,10 @@ impl Chart {
         let (left, right) = self.x.ends(points().map(|p| p.0).chain(bands().map(|b| b.0)), false);
         let ys = points().map(|p| p.1).chain(bands().flat_map(|b| [b.1, b.2]));
         let (low, high) = self.y.ends(ys, true);
-        let named: Vec<(RGBColor, &str)> =
-            self.lines.iter().filter(|line| !line.name.is_empty()).map(|line| (line.colour, &*line.name)).collect();
+        let named = self.lines.iter().filter(|line| !line.name.is_empty());
+        let named: Vec<Entry<'_>> = named
+            .map(|line| Entry { colour: line.colour, name: &line.name, dashed: line.mark == Mark::Dashed })
+            .collect();
         let key_height = key_height(&named);
         sheet(&self.title, (WIDTH, self.height + key_height), |root| {
             key(root, TOP as i32, &named)?;
@@ -152,21 +213,13 @@ impl Chart {
             let inner = root.clone().shrink((0, top), (WIDTH, self.height + key_height - top));
             let mut builder = ChartBuilder::on(&inner);
             builder.margin_right(18).margin_top(6).x_label_area_size(48).y_label_area_size(66);
-            let (x, y) = (left..right, low..high);
-            match (self.x.log, self.y.log) {
-                (false, false) => self.fill(builder.build_cartesian_2d(x, y)?),
-                (false, true) => self.fill(builder.build_cartesian_2d(x, y.log_scale())?),
-                (true, false) => self.fill(builder.build_cartesian_2d(x.log_scale(), y)?),
-                (true, true) => self.fill(builder.build_cartesian_2d(x.log_scale(), y.log_scale())?),
-            }
+            let x = Span { log: self.x.log, low: left, high: right };
+            let y = Span { log: self.y.log, low, high };
+            self.fill(builder.build_cartesian_2d(x, y)?)
         })
     }
 
-    fn fill<'a, X, Y>(&self, mut chart: ChartContext<'a, SVGBackend<'a>, Cartesian2d<X, Y>>) -> Drawn
-    where
-        X: Ranged<ValueType = f64> + ValueFormatter<f64>,
-        Y: Ranged<ValueType = f64> + ValueFormatter<f64>,
-    {
+    fn fill<'a>(&self, mut chart: ChartContext<'a, SVGBackend<'a>, Cartesian2d<Span, Span>>) -> Drawn {
         chart
             .configure_mesh()
             .light_line_style(TRANSPARENT)
@@ -174,10 +227,6 @@ impl Chart {
             .axis_style(INK.mix(0.4))
             .label_style(text(SMALL))
             .axis_desc_style(text(TEXT))
-            .x_labels(6)
-            .y_labels(6)
-            .x_label_formatter(&|value| short(*value))
-            .y_label_formatter(&|value| short(*value))
             .x_desc(&self.x.label)
             .y_desc(&self.y.label)
             .draw()?;
@@ -218,11 +267,18 @@ impl Chart {
 
 const KEY_LINE: u32 = 22;
 
+/// An entry of a legend.
+pub(super) struct Entry<'a> {
+    pub colour: RGBColor,
+    pub name: &'a str,
+    pub dashed: bool,
+}
+
 /// The places of a legend's entries, and the number of its lines.
-fn key_places<C>(entries: &[(C, &str)]) -> (Vec<(i32, i32)>, u32) {
+fn key_places(entries: &[Entry<'_>]) -> (Vec<(i32, i32)>, u32) {
     let (mut x, mut line, mut places) = (10, 0, Vec::new());
-    for (_, name) in entries {
-        let width = 24 + width_of(name, TEXT) + 16;
+    for entry in entries {
+        let width = 24 + width_of(entry.name, TEXT) + 16;
         if x > 10 && x + width > WIDTH as i32 {
             (x, line) = (10, line + 1);
         }
@@ -233,16 +289,19 @@ fn key_places<C>(entries: &[(C, &str)]) -> (Vec<(i32, i32)>, u32) {
 }
 
 /// Pixels that a legend takes.
-pub(super) fn key_height<C>(entries: &[(C, &str)]) -> u32 {
+pub(super) fn key_height(entries: &[Entry<'_>]) -> u32 {
     key_places(entries).1 * KEY_LINE
 }
 
-/// A legend above a drawing: a patch of colour and a name for each entry.
-pub(super) fn key(root: &Area<'_>, top: i32, entries: &[(RGBColor, &str)]) -> Drawn {
-    for ((colour, name), (x, line)) in entries.iter().zip(key_places(entries).0) {
+/// A legend above a drawing: a patch of colour, in two pieces for a dashed line, and a name for each entry.
+pub(super) fn key(root: &Area<'_>, top: i32, entries: &[Entry<'_>]) -> Drawn {
+    for (entry, (x, line)) in entries.iter().zip(key_places(entries).0) {
         let y = top + line * KEY_LINE as i32;
-        root.draw(&Rectangle::new([(x, y + 4), (x + 16, y + 12)], colour.filled()))?;
-        root.draw(&Text::new((*name).to_owned(), (x + 22, y), text(TEXT)))?;
+        let pieces: &[(i32, i32)] = if entry.dashed { &[(0, 6), (10, 16)] } else { &[(0, 16)] };
+        for (from, to) in pieces {
+            root.draw(&Rectangle::new([(x + from, y + 4), (x + to, y + 12)], entry.colour.filled()))?;
+        }
+        root.draw(&Text::new(entry.name.to_owned(), (x + 22, y), text(TEXT)))?;
     }
     Ok(())
 }

@@ -3,7 +3,7 @@
 use ::image::ExtendedColorType;
 use plotters::prelude::*;
 
-use super::chart::{key, key_height};
+use super::chart::{Entry, key, key_height};
 use super::{
     Area, DrawError, Drawn, INK, SMALL, TEXT, TOP, WIDTH, behind, data_url, png_bytes, sheet, short, text, width_of,
 };
@@ -168,6 +168,11 @@ const NUMBERS: (f64, f64) = (44.0, 42.0);
 /// Room for the scale of colours, pixels.
 const SCALE: u32 = 58;
 
+/// A legend of patches.
+fn entries(named: &[(RGBColor, String)]) -> Vec<Entry<'_>> {
+    named.iter().map(|(colour, name)| Entry { colour: *colour, name, dashed: false }).collect()
+}
+
 impl Panels {
     /// One large panel or several, without values, numbers or a legend.
     pub fn new(title: &str, (low, high): ([f64; 2], [f64; 2]), panels: Vec<Panel>) -> Self {
@@ -194,10 +199,9 @@ impl Panels {
         let [wide, high] = [0, 1].map(|axis| (self.high[axis] - self.low[axis]).max(1e-9));
         let width = (all / per_row as f64).min(TALLEST * wide / high).floor();
         let label = if self.panels.iter().any(|panel| !panel.label.is_empty()) { 20.0 } else { 0.0 };
-        let key: Vec<_> = self.key.iter().map(|(colour, name)| (*colour, &**name)).collect();
         // The name of the axis upwards stands above it.
         let above = if self.axes { 14 } else { 0 };
-        let top = f64::from(TOP + key_height(&key) + above);
+        let top = f64::from(TOP + key_height(&entries(&self.key)) + above);
         Layout { left, top, width, height: (width * high / wide).ceil(), label, gap, per_row }
     }
 
@@ -216,9 +220,8 @@ impl Panels {
         for (panel, corner) in self.panels.iter().zip(corners(&layout)) {
             images += &self.image(panel, &layout, corner)?;
         }
-        let key_entries: Vec<_> = self.key.iter().map(|(colour, name)| (*colour, &**name)).collect();
         let mut svg = sheet(&self.title, size, |root| {
-            key(root, TOP as i32, &key_entries)?;
+            key(root, TOP as i32, &entries(&self.key))?;
             for (panel, corner) in self.panels.iter().zip(corners(&layout)) {
                 if layout.label > 0.0 {
                     let at = (corner[0] as i32, (corner[1] - layout.label) as i32 + 1);
@@ -355,8 +358,7 @@ impl Panels {
             root.draw(&Text::new(numbers[1].clone(), (x + 8, top + 2), text(TEXT)))?;
             return root.draw(&Text::new(self.scale.clone(), (MARGIN as i32, top + 26), text(TEXT)));
         };
-        let entries: Vec<_> = classes.iter().map(|(colour, name)| (*colour, &**name)).collect();
-        key(root, top, &entries)
+        key(root, top, &entries(classes))
     }
 }
 
