@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use super::clock::Clock;
+use super::controls::Controls;
 use super::keep::{Acting, Mark, Quiet};
 use super::messages::{Item, Percept, Update};
 use super::queue::{Closed, Inbox, Outbox};
@@ -47,6 +48,7 @@ pub struct Deciding<'a> {
     pub quiet: &'a Quiet,
     pub keep: Option<&'a Keep>,
     pub stop: &'a AtomicBool,
+    pub controls: Option<&'a Controls>,
     pub ended: &'a AtomicBool,
     pub percepts: Inbox<Percept>,
     pub updates: Inbox<Update>,
@@ -78,6 +80,7 @@ impl Deciding<'_> {
         for percept in percepts {
             let frame = percept.observation.frame;
             last_frame = frame;
+            self.pause(percept.stamp_ns);
             helm.acting.waiting.extend(percept.asked.iter().map(|&asked_at| (asked_at, None)));
             if self.bring_into_effect(&mut helm, frame, percept.stamp_ns).is_err() {
                 return Ok(helm.ended());
@@ -118,6 +121,18 @@ impl Deciding<'_> {
         }
         helm.pass_on(&self.assess);
         Ok(helm.ended())
+    }
+
+    /// While somebody wants a pause, decide nothing: between two actions a robot stands still.
+    fn pause(&self, stamp_ns: u64) {
+        let Some(controls) = self.controls.filter(|controls| controls.is_paused()) else { return };
+        let told = |text: String| {
+            // A closed log ends the run at the next decision.
+            let _ = self.record.diagnostic(Level::Info, stamp_ns, text);
+        };
+        told("the run is paused".to_owned());
+        let paused = controls.wait(self.stop);
+        told(format!("the run goes on after a pause of {:.1} s", paused.as_secs_f64()));
     }
 
     /// Let models act that are to act from this frame on.

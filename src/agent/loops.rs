@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 
 use super::checkpoint::{checkpoint_bytes, write_checkpoint, write_state};
 use super::clock::Clock;
+use super::controls::Controls;
 use super::decide::Keep;
 use super::keep::{Mark, Quiet};
 use super::messages::{Item, Percept, SolveRequest};
@@ -53,6 +54,7 @@ pub struct Supply<'a> {
     pub quiet: &'a Quiet,
     /// Times real time at which frames come; `None`: as fast as they are taken.
     pub speed: Option<f64>,
+    pub controls: Option<&'a Controls>,
     pub status: &'a Status,
 }
 
@@ -66,7 +68,8 @@ impl Supply<'_> {
             let first_ns = *first_ns.get_or_insert(frame.stamp_ns);
             if let Some(speed) = self.speed {
                 let due = Duration::from_nanos(frame.stamp_ns.saturating_sub(first_ns)).div_f64(speed);
-                std::thread::sleep(due.saturating_sub(begin.elapsed()));
+                let paused = self.controls.map_or(Duration::ZERO, Controls::paused_for);
+                std::thread::sleep(due.saturating_sub(begin.elapsed().saturating_sub(paused)));
             }
             // A camera may lose frames, too.
             let lost = next.replace(frame.number + 1).map_or(0, |next| frame.number.saturating_sub(next));

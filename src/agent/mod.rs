@@ -18,6 +18,7 @@
 mod act;
 mod checkpoint;
 mod clock;
+mod controls;
 mod crew;
 mod decide;
 mod fit;
@@ -40,6 +41,7 @@ mod turns;
 
 pub use checkpoint::{CHECKPOINT_NAME, CheckpointError, KeptState, STATE_NAME, read_checkpoint, read_state};
 pub use clock::Timing;
+pub use controls::{Controls, GoalMove, TooMany};
 pub use decide::Keep;
 pub use forecast::LogForecast;
 pub use memory::{Memory, machine_memory};

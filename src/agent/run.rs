@@ -12,6 +12,7 @@ use thiserror::Error;
 use super::act::Act;
 use super::checkpoint::{CHECKPOINT_NAME, CheckpointError, checkpoint_bytes};
 use super::clock::{Clock, Timing};
+use super::controls::Controls;
 use super::crew::{Crew, parallelism};
 use super::decide::{Deciding, Keep};
 use super::fit::FitPolicies;
@@ -63,6 +64,8 @@ pub struct RunOptions<'a> {
     pub stop: &'a AtomicBool,
     /// What the run is doing, to be watched from another thread.
     pub status: &'a Status,
+    /// What a person who watches asks of it; nobody without.
+    pub controls: Option<&'a Controls>,
     /// Where what was learned is kept from the first model on; nowhere without.
     pub checkpoint: Option<&'a Path>,
     /// Trials for evaluations during the run; none without.
@@ -87,6 +90,7 @@ impl<'a> RunOptions<'a> {
         RunOptions {
             stop,
             status,
+            controls: None,
             checkpoint: None,
             evaluator: None,
             recording: None,
@@ -227,6 +231,7 @@ pub(super) fn run_in_turns(
         goes_on,
         quiet: &quiet,
         speed: agent.speed.filter(|_| options.recording.is_none()),
+        controls: options.controls,
         status,
     };
 
@@ -280,7 +285,7 @@ pub(super) fn run_in_turns(
         let assess = crew.start("assess", move || {
             loops::assess(&assess_in, evaluator, checkpoint, scenario, &record, status, curve)
         })?;
-        let (record, stop, ended) = (recorder.clone(), options.stop, &ended);
+        let (record, stop, ended, controls) = (recorder.clone(), options.stop, &ended, options.controls);
         let most_actions = options.most_actions.unwrap_or(u64::MAX).min(scenario.actions as u64);
         let act = crew.start("act", move || {
             let deciding = Deciding {
@@ -292,6 +297,7 @@ pub(super) fn run_in_turns(
                 quiet,
                 keep,
                 stop,
+                controls,
                 ended,
                 percepts: percepts_in,
                 updates: updates_in,
@@ -337,6 +343,7 @@ pub(super) fn run_in_turns(
     if let Some(error) = failure.or_else(|| failed.lock().unwrap_or_else(PoisonError::into_inner).take()) {
         return Err(error);
     }
+    let paused = options.controls.map_or(Duration::ZERO, Controls::paused_for);
     // Without a failure every actor has returned what it has.
     let lost = |name| RunError::Panic(name, "it returned nothing".into());
     let acted = act.ok().flatten().ok_or_else(|| lost("act"))?;
@@ -349,7 +356,7 @@ pub(super) fn run_in_turns(
         actions: acted.actions,
         frames: perceived.frames,
         quarantined: perceived.quarantined,
-        seconds: begin.elapsed().as_secs_f64(),
+        seconds: begin.elapsed().saturating_sub(paused).as_secs_f64(),
         support_vectors: perceived.support_vectors,
         nu: perceived.nu,
         curve: assess.ok().flatten().ok_or_else(|| lost("assess"))?,

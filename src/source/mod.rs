@@ -79,7 +79,8 @@ pub trait Source {
     fn first(&mut self) -> Option<Frame>;
 
     /// Execute an action and give its frames in order; the last one is a boundary. Stops early if `give` says so. Returns
-    /// whether it can go on: a recording ends.
+    /// whether it can go on: a recording ends. When it returns, a robot stands still until the next call, however long that
+    /// takes: the run may be paused.
     fn execute(&mut self, action: Action, give: &mut dyn FnMut(Frame) -> bool) -> bool;
 
     /// Put away or make again where it is, between two actions, see [`Persist`](crate::parts::Persist).
