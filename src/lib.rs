@@ -41,6 +41,7 @@
 //! | [`evaluate`] | trials, convergence quality, pose decoding |
 //! | [`report`] | what a run came to |
 //! | [`experiment`] | the thesis's experiments, its figures beside ours |
+//! | [`live`] | a run, watched while it goes on: terminal, local web page |
 //! | [`cli`] | one file per command |
 //!
 //! [`kernel`], [`dictionary`], [`regression`], [`slow`] and [`value`] know nothing of threads, clocks, files, robots or
@@ -105,6 +106,7 @@ pub mod evaluate;
 pub mod experiment;
 pub mod export;
 pub mod kernel;
+pub mod live;
 pub mod log;
 pub mod parts;
 pub mod policy;

@@ -13,6 +13,7 @@ use crate::agent::{self, CHECKPOINT_NAME, Course, CurvePoint, Keep, Outcome, Run
 use crate::evaluate::{Evaluator, decode_pose};
 use crate::log::{LogOptions, Rotation, RunLog};
 use crate::parts::Parts;
+pub use crate::report::gather::ROOM;
 use crate::report::{Origin, Program, Report, table};
 use crate::scenario::Scenario;
 use crate::soak::Sampler;
@@ -154,9 +155,6 @@ pub fn write(run: &Path, name: &str, bytes: &[u8]) -> Result<(), String> {
     let renamed = written.and_then(|()| std::fs::rename(&aside, &path));
     renamed.map_err(|cause| format!("cannot write {}: {cause}", path.display()))
 }
-
-/// What a log says of itself where its frames are not from the scenario's simulated world.
-pub const ROOM: (&str, &str) = ("room", "not simulated");
 
 /// How a scenario wants its log written.
 pub fn log_options(scenario: &Scenario) -> (LogOptions, Rotation) {

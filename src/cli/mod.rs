@@ -19,6 +19,7 @@ mod resume;
 mod run;
 mod soak;
 mod steps;
+mod watch;
 
 use std::io::{ErrorKind, Write};
 use std::path::PathBuf;
@@ -92,6 +93,8 @@ pub enum Command {
     Experiment(ExperimentArgs),
     /// Drive for many simulated hours, watched, and judge the run: memory, losses, latencies, success over time.
     Soak(SoakArgs),
+    /// Show a run in the terminal while it goes on: camera, map with value and policy, curves, features, health.
+    Watch(WatchArgs),
 }
 
 /// Arguments of `adagio run`.
@@ -146,6 +149,16 @@ pub struct SoakArgs {
     /// Print soak.json instead of a table.
     #[arg(long)]
     pub json: bool,
+}
+
+/// Arguments of `adagio watch`.
+#[derive(Debug, Args)]
+pub struct WatchArgs {
+    /// Run folder or .mcap file, of a run that goes on or of one that is over.
+    pub run: PathBuf,
+    /// Print one picture as plain text and leave.
+    #[arg(long)]
+    pub once: bool,
 }
 
 /// Arguments of `adagio check`.
@@ -362,6 +375,7 @@ pub fn finishes(command: &Command) -> Option<&'static str> {
             Some("the log is closed and the report written")
         }
         Command::Experiment(_) => Some("what is done is kept"),
+        Command::Watch(args) if !args.once => Some("the terminal is given back"),
         _ => None,
     }
 }
@@ -381,6 +395,7 @@ pub fn dispatch(cli: Cli, stop: &AtomicBool) -> Ending {
         Command::Export(args) => export::export(&args),
         Command::Experiment(args) => experiment::experiment(&args, stop),
         Command::Soak(args) => soak::soak(&args, stop),
+        Command::Watch(args) => watch::watch(&args, stop),
     }
 }
 

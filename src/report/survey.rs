@@ -29,6 +29,22 @@ const BLOCK: usize = 32;
 /// More products than this, and the grid is made coarser: some ten seconds of two cores.
 const MOST_PRODUCTS: f64 = 2e12;
 
+/// How finely a survey looks.
+#[derive(Debug, Clone, Copy)]
+pub struct Fineness {
+    /// Places along the longer and the shorter side of the room.
+    pub places: [usize; 2],
+    /// More products than this, and the grid is made coarser.
+    pub most_products: f64,
+    /// Camera images of more pixels are rendered as coarsely as vision allows.
+    pub most_pixels: usize,
+}
+
+impl Fineness {
+    /// That of the thesis.
+    pub const FULL: Fineness = Fineness { places: PLACES, most_products: MOST_PRODUCTS, most_pixels: MOST_PIXELS };
+}
+
 /// Camera images of more pixels are rendered as coarsely as vision allows.
 const MOST_PIXELS: usize = 640 * 480;
 
@@ -64,9 +80,14 @@ struct Look {
 impl Survey {
     /// Look around at every place of a grid that the robot can reach, through a camera without noise.
     pub fn new(scenario: &Scenario, world: &World, learned: &Learned) -> Self {
-        let grid = grid(world, learned);
-        let coarse =
-            scenario.camera.detail == Detail::Full && scenario.camera.width * scenario.camera.height > MOST_PIXELS;
+        Self::with(Fineness::FULL, scenario, world, learned)
+    }
+
+    /// The same, as finely as is wanted.
+    pub fn with(fineness: Fineness, scenario: &Scenario, world: &World, learned: &Learned) -> Self {
+        let grid = grid(fineness, world, learned);
+        let pixels = scenario.camera.width * scenario.camera.height;
+        let coarse = scenario.camera.detail == Detail::Full && pixels > fineness.most_pixels;
         let own = coarse.then(|| {
             let mut scenario = scenario.clone();
             scenario.camera.detail = Detail::Vision;
@@ -122,14 +143,17 @@ impl Survey {
     }
 }
 
-/// 64 × 32 places, the longer side along the room's.
-fn grid(world: &World, learned: &Learned) -> Grid {
+/// The places of a survey, the longer side along the room's.
+fn grid(fineness: Fineness, world: &World, learned: &Learned) -> Grid {
     let (low, high) = world.plan.reachable_box();
     let size = high - low;
-    let [mut columns, mut rows] = if size.x >= size.y { PLACES } else { [PLACES[1], PLACES[0]] };
+    let [mut columns, mut rows] = {
+        let [longer, shorter] = fineness.places;
+        if size.x >= size.y { [longer, shorter] } else { [shorter, longer] }
+    };
     let members = learned.model.members.as_ref().as_ref();
     let products = |places: usize| (places * HEADINGS) as f64 * members.nrows() as f64 * members.ncols() as f64;
-    while products(columns * rows) > MOST_PRODUCTS && columns.min(rows) > 8 {
+    while products(columns * rows) > fineness.most_products && columns.min(rows) > 8 {
         (columns, rows) = (columns / 2, rows / 2);
     }
     Grid { columns, rows, low: low.into(), high: high.into() }

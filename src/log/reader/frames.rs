@@ -42,6 +42,10 @@ impl<R: Read> Frames<R> {
         Self { source, offset: 0, next_offset: 0, record: Vec::new(), doubtful: None, skip_attachments: false }
     }
 
+    pub(super) fn source(&mut self) -> &mut R {
+        &mut self.source
+    }
+
     /// Where the current record starts, bytes from the start of the file.
     pub(super) fn offset(&self) -> u64 {
         self.offset

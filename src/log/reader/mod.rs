@@ -135,6 +135,8 @@ pub struct LogReader<R = BufReader<File>> {
     ending: Option<Ending>,
     /// It ended where the file could not be followed further.
     lost: bool,
+    /// It ended between two records, where a file that is still being written goes on.
+    paused: bool,
 }
 
 impl LogReader {
@@ -163,6 +165,7 @@ impl<R: Read> LogReader<R> {
             damage: None,
             ending: None,
             lost: false,
+            paused: false,
         }
     }
 
@@ -171,6 +174,11 @@ impl<R: Read> LogReader<R> {
     pub fn without_attachments(mut self) -> Self {
         self.frames.skip_attachments = true;
         self
+    }
+
+    /// Where the log is read from.
+    pub fn source(&mut self) -> &mut R {
+        self.frames.source()
     }
 
     /// A channel that was defined so far.
@@ -186,6 +194,13 @@ impl<R: Read> LogReader<R> {
     /// How the log ended; `None` until the iterator has.
     pub fn ending(&self) -> Option<&Ending> {
         self.ending.as_ref()
+    }
+
+    /// After the iterator has ended between two records: the file may have grown, and the iterator goes on where it stopped.
+    pub fn look_again(&mut self) {
+        if std::mem::take(&mut self.paused) {
+            self.ending = None;
+        }
     }
 
     /// Notes damage at the current record; the first one becomes the ending.
@@ -269,6 +284,7 @@ impl<R: Read> Iterator for LogReader<R> {
                     continue;
                 }
                 Next::NoFooter => {
+                    self.paused = true;
                     self.end(Ending::NoFooter);
                     continue;
                 }

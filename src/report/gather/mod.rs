@@ -39,6 +39,9 @@ const SHOWN: usize = 60;
 pub const CELL: f64 = 0.05;
 const CELLS: usize = 200_000;
 
+/// What a log says of itself where its frames are not from the scenario's simulated world.
+pub const ROOM: (&str, &str) = ("room", "not simulated");
+
 /// What a log holds, as far as a report shows it.
 #[derive(Debug)]
 pub struct Gathered {
@@ -145,16 +148,8 @@ impl Gathered {
                 if read.is_multiple_of(20_000) {
                     tell(read);
                 }
-                match record.and_then(|record| gathered.read(&record)) {
-                    Ok(()) => {}
-                    Err(error @ (LogError::Open { .. } | LogError::Read { .. })) => return Err(error),
-                    Err(error) => {
-                        gathered.damaged += 1;
-                        if gathered.damage.len() < SHOWN {
-                            gathered.damage.push(error.to_string());
-                        }
-                    }
-                }
+                let taken = record.and_then(|record| gathered.read(&record));
+                gathered.note(taken)?;
             }
             gathered.closed = closed;
             let own = (gathered.damaged - damaged, gathered.damage.len() - texts);
@@ -178,7 +173,26 @@ impl Gathered {
         self.skipped.saturating_sub(self.dropped)
     }
 
-    fn empty(files: usize) -> Self {
+    /// What came of a record: damage is counted.
+    ///
+    /// # Errors
+    /// A file cannot be opened or read.
+    pub(crate) fn note(&mut self, taken: Result<(), LogError>) -> Result<(), LogError> {
+        match taken {
+            Ok(()) => {}
+            Err(error @ (LogError::Open { .. } | LogError::Read { .. })) => return Err(error),
+            Err(error) => {
+                self.damaged += 1;
+                if self.damage.len() < SHOWN {
+                    self.damage.push(error.to_string());
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Nothing yet, of so many files.
+    pub(crate) fn empty(files: usize) -> Self {
         Gathered {
             metadata: BTreeMap::new(),
             topics: BTreeMap::new(),
@@ -235,7 +249,11 @@ impl Gathered {
         self.stamps_ns.map_or(0.0, |(first, _)| stamp_ns.saturating_sub(first) as f64 / 1e9)
     }
 
-    fn read(&mut self, record: &Record) -> Result<(), LogError> {
+    /// The next record.
+    ///
+    /// # Errors
+    /// It is damaged.
+    pub(crate) fn read(&mut self, record: &Record) -> Result<(), LogError> {
         let (topic, schema, sequence, stamp) = match record {
             Record::Message { topic, schema, sequence, log_time_ns, .. } => (topic, schema, *sequence, *log_time_ns),
             Record::Metadata { name, map } if name == METADATA_NAME => {

@@ -1,0 +1,244 @@
+//! What the newest model makes of the room and of the last observations: looked at anew with each model, coarsely.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::SystemTime;
+
+use faer::Par;
+use rayon::{ThreadPool, ThreadPoolBuilder};
+use serde::Serialize;
+
+use super::follow::Seen;
+use super::view::{Picture, finely};
+use crate::agent::{CHECKPOINT_NAME, read_checkpoint};
+use crate::log::{FilesReader, Record, log_files};
+use crate::policy::{Learned, columns};
+use crate::report::gather::{Gathered, ROOM};
+use crate::report::survey::{Fineness, HEADINGS, Survey};
+use crate::scenario::Scenario;
+use crate::vision::Observation;
+use crate::world::{Pose, World};
+
+/// How finely the room is looked at: some tenths of a second of one core for each model.
+const FINENESS: Fineness = Fineness { places: [24, 12], most_products: 1.5e10, most_pixels: 0 };
+
+/// Features that are shown.
+pub const FEATURES: usize = 6;
+
+/// Widest picture of the camera that is shown, pixels.
+const WIDEST: usize = 160;
+
+/// What a model makes of the room.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Maps {
+    /// Number of the model.
+    pub epoch: u32,
+    /// Places along x and y.
+    pub columns: usize,
+    /// Places along x and y.
+    pub rows: usize,
+    /// Lowest and highest corner of the grid whose cells' centres the places are, metres.
+    pub low: [f64; 2],
+    /// Highest corner.
+    pub high: [f64; 2],
+    /// For each task: the value of each place, mean of headings; NaN where the robot cannot be.
+    pub values: Vec<Vec<f64>>,
+    /// For each task: the heading at which each place is worth most, radians.
+    pub headings: Vec<Vec<f64>>,
+    /// The first features at each place, mean of headings.
+    pub features: Vec<Vec<f64>>,
+}
+
+/// The room, and the newest model.
+pub struct Lookout {
+    place: PathBuf,
+    room: Option<(Arc<Scenario>, World)>,
+    /// Why there is no room, or why there is no model.
+    pub missing: Option<String>,
+    simulated: bool,
+    learned: Option<Learned>,
+    /// Of the checkpoint that was read last.
+    read: Option<(SystemTime, u64)>,
+    /// The log itself was looked through for a checkpoint.
+    searched: bool,
+    maps: Option<Arc<Maps>>,
+    /// One thread of its own: the others belong to the run.
+    pool: Option<ThreadPool>,
+    /// The last features, with the epoch and frames that they are of.
+    features: (u32, Vec<(u64, Vec<f64>)>),
+}
+
+impl Lookout {
+    /// A lookout for a run folder or a log file.
+    pub fn new(place: &Path) -> Self {
+        Lookout {
+            place: place.to_owned(),
+            room: None,
+            missing: None,
+            simulated: false,
+            learned: None,
+            read: None,
+            searched: false,
+            maps: None,
+            pool: ThreadPoolBuilder::new().num_threads(1).build().ok(),
+            features: (0, Vec::new()),
+        }
+    }
+
+    /// The scenario, once it is known.
+    pub fn scenario(&self) -> Option<&Arc<Scenario>> {
+        self.room.as_ref().map(|room| &room.0)
+    }
+
+    /// The world, once it is known.
+    pub fn world(&self) -> Option<&World> {
+        self.room.as_ref().map(|room| &room.1)
+    }
+
+    /// Number of the newest model that was read; 0 without one.
+    pub fn epoch(&self) -> u32 {
+        self.learned.as_ref().map_or(0, |learned| learned.epoch)
+    }
+
+    /// Learn from the log which room it is.
+    pub fn know(&mut self, gathered: &Gathered) {
+        let Some(text) = gathered.metadata.get("scenario").filter(|_| self.room.is_none() && self.missing.is_none())
+        else {
+            return;
+        };
+        self.simulated = gathered.metadata.get(ROOM.0).map(String::as_str) != Some(ROOM.1);
+        let near = if self.place.is_dir() { self.place.join("scenario.toml") } else { self.place.clone() };
+        let room = Scenario::parse(text, &near, &[]).map_err(|error| error.to_string()).and_then(|scenario| {
+            let world = World::new(&scenario).map_err(|error| error.to_string())?;
+            Ok((Arc::new(scenario), world))
+        });
+        match room {
+            Ok(room) => self.room = Some(room),
+            Err(reason) => self.missing = Some(format!("the room is not known: {reason}")),
+        }
+    }
+
+    /// Read the newest checkpoint, if there is a new one: beside the log, or in a log that is over.
+    pub fn learn(&mut self, over: bool) {
+        let file = self.place.join(CHECKPOINT_NAME);
+        let stamp = file.metadata().ok().and_then(|about| Some((about.modified().ok()?, about.len())));
+        let bytes = match stamp {
+            Some(stamp) if self.read == Some(stamp) => return,
+            Some(stamp) => {
+                self.read = Some(stamp);
+                std::fs::read(&file).ok()
+            }
+            None if over && !self.searched => {
+                self.searched = true;
+                newest_attachment(&self.place)
+            }
+            None => None,
+        };
+        let Some(bytes) = bytes else { return };
+        match read_checkpoint(&bytes, &file) {
+            Ok((learned, own)) if self.scenario().is_none_or(|scenario| scenario.sha256() == own.sha256()) => {
+                self.maps = None;
+                self.learned = Some(learned);
+            }
+            Ok(_) => self.missing = Some("the checkpoint was learned with another scenario".to_owned()),
+            Err(error) => self.missing = Some(error.to_string()),
+        }
+    }
+
+    /// What the newest model makes of the room; none without a model, or where the room is not simulated.
+    pub fn maps(&mut self) -> Option<Arc<Maps>> {
+        if let Some(maps) = &self.maps {
+            return Some(maps.clone());
+        }
+        let ((scenario, world), learned) = (self.room.as_ref().filter(|_| self.simulated)?, self.learned.as_ref()?);
+        let survey = self.pool.as_ref()?.install(|| Survey::with(FINENESS, scenario, world, learned));
+        let maps = Arc::new(maps_of(&survey, learned.epoch));
+        self.maps = Some(maps.clone());
+        Some(maps)
+    }
+
+    /// The first features of observations, by their frames: of each, the same number.
+    pub fn features<'a>(&mut self, recent: impl Iterator<Item = &'a Seen>) -> &[(u64, Vec<f64>)] {
+        let Some(learned) = &self.learned else { return &[] };
+        let (epoch, known) = &mut self.features;
+        if *epoch != learned.epoch {
+            (*epoch, *known) = (learned.epoch, Vec::new());
+        }
+        let size = learned.model.members.nrows();
+        let recent: Vec<&Seen> = recent.filter(|seen| seen.rgb.len() == size).collect();
+        let oldest = recent.first().map_or(u64::MAX, |seen| seen.frame);
+        known.retain(|(frame, _)| *frame >= oldest);
+        let newest = known.last().map(|(frame, _)| *frame);
+        let fresh: Vec<Observation> = recent
+            .into_iter()
+            .filter(|seen| newest.is_none_or(|newest| seen.frame > newest))
+            .map(|seen| Observation { frame: seen.frame, pixels: seen.rgb.clone() })
+            .collect();
+        if !fresh.is_empty() {
+            let phi = learned.features(columns(fresh.iter()).as_ref(), Par::Seq);
+            let shown = FEATURES.min(phi.nrows().saturating_sub(1));
+            for (j, seen) in fresh.iter().enumerate() {
+                // The first feature is the constant one.
+                known.push((seen.frame, (1..=shown).map(|i| finely(phi[(i, j)])).collect()));
+            }
+        }
+        known
+    }
+
+    /// What the camera sees at a pose, without the noise of its sensor: the log keeps what vision made of it alone.
+    pub fn camera(&self, frame: u64, pose: &Pose) -> Option<Picture> {
+        let (_, world) = self.room.as_ref().filter(|_| self.simulated)?;
+        let image = world.looks.camera(frame).render(pose);
+        let light = world.looks.light(frame);
+        let every = image.width.div_ceil(WIDEST).max(1);
+        let (width, height) = (image.width / every, image.height / every);
+        let lit = |value: u8| (f64::from(value) * light).round().clamp(0.0, 255.0) as u8;
+        let pixel = |x: usize, y: usize| {
+            let start = 3 * (y * every * image.width + x * every);
+            image.rgb[start..start + 3].iter().map(|&value| lit(value))
+        };
+        let rgb = (0..height).flat_map(|y| (0..width).flat_map(move |x| pixel(x, y))).collect();
+        Some(Picture { width, height, rgb })
+    }
+}
+
+fn maps_of(survey: &Survey, epoch: u32) -> Maps {
+    let grid = survey.grid;
+    let worth: Vec<Vec<(f64, usize)>> = (0..survey.values.len()).map(|task| survey.worth(task)).collect();
+    let turn = std::f64::consts::TAU / HEADINGS as f64;
+    let mean = |maps: &[Vec<f64>; HEADINGS]| {
+        let places = 0..grid.columns * grid.rows;
+        places.map(|place| finely(maps.iter().map(|map| map[place]).sum::<f64>() / HEADINGS as f64)).collect()
+    };
+    Maps {
+        epoch,
+        columns: grid.columns,
+        rows: grid.rows,
+        low: grid.low.map(finely),
+        high: grid.high.map(finely),
+        values: worth.iter().map(|places| places.iter().map(|place| finely(place.0)).collect()).collect(),
+        headings: worth
+            .iter()
+            .map(|places| places.iter().map(|place| finely(turn * place.1 as f64)).collect())
+            .collect(),
+        features: survey.features.iter().take(FEATURES).map(mean).collect(),
+    }
+}
+
+/// The newest checkpoint in a log.
+fn newest_attachment(place: &Path) -> Option<Vec<u8>> {
+    let files = if place.is_dir() {
+        log_files(place).ok()?.into_iter().map(|(_, path)| path).collect()
+    } else {
+        vec![place.to_owned()]
+    };
+    files.into_iter().rev().find_map(|path| {
+        // Also behind damage.
+        let records = FilesReader::new(vec![path]).with_attachments().flatten();
+        let found = records.filter_map(|record| match record {
+            Record::Attachment { name, data, .. } if name == CHECKPOINT_NAME => Some(data),
+            _ => None,
+        });
+        found.last()
+    })
+}

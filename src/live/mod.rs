@@ -1,0 +1,27 @@
+//! A run, watched while it goes on: in the terminal, or on a local web page.
+//!
+//! ```text
+//!  the run's log, as it grows ──tail──▶ follow ──┐
+//!  the newest checkpoint ─────────────▶ look ────┴──▶ view ──▶ terminal
+//!                                                         └──▶ serve ──▶ a page in a browser ──▶ controls of the run
+//! ```
+//!
+//! All of it comes from the log and the checkpoint, read in a thread of their own: whoever watches never meets the stream, and
+//! it makes no difference whether the run belongs to this process, to another one, or is over. Only the page's buttons reach
+//! the run, through [`Controls`](crate::agent::Controls), which it looks at once per action.
+
+mod follow;
+mod look;
+
+mod tail;
+pub mod terminal;
+
+mod view;
+
+pub use follow::{Follower, Newest, Seen};
+pub use look::{Lookout, Maps};
+pub use tail::Tail;
+pub use view::{
+    Curve, Curves, DecisionView, DictionaryView, FeaturesView, HealthView, Phase, Picture, TaskView, View, WallView,
+    Watcher,
+};
