@@ -9,8 +9,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use super::{Ending, print, print_json, progress, report};
-use crate::agent::{self, CHECKPOINT_NAME, Course, CurvePoint, Keep, Outcome, RunOptions, STATE_NAME, Status};
+use crate::agent::{
+    self, CHECKPOINT_NAME, Controls, Course, CurvePoint, Keep, Outcome, RunOptions, STATE_NAME, Status,
+};
 use crate::evaluate::{Evaluator, decode_pose};
+use crate::live::serve::{Server, Stage};
 use crate::log::{LogOptions, Rotation, RunLog};
 use crate::parts::Parts;
 pub use crate::report::gather::ROOM;
@@ -44,6 +47,8 @@ pub struct Drive<'a> {
     pub report: bool,
     /// Who watches the run.
     pub sampler: Option<&'a Sampler>,
+    /// Where a page shows it.
+    pub server: Option<&'a Server>,
     pub origin: Origin,
     /// Whether the state of the run is put away now and then, so that it can go on from there.
     pub keep: bool,
@@ -63,8 +68,10 @@ impl Drive<'_> {
         let (checkpoint, state) = (self.run.join(CHECKPOINT_NAME), self.run.join(STATE_NAME));
         let most = self.most_actions.unwrap_or(u64::MAX).min(scenario.actions as u64);
         let likely = self.likely_actions.unwrap_or(u64::MAX).min(most);
+        let controls = Arc::new(Controls::default());
         let outcome = watched(self.quiet, likely, self.sampler, |status| {
             let options = RunOptions {
+                controls: self.server.map(|_| &*controls),
                 checkpoint: Some(&checkpoint),
                 evaluator: evaluator.as_ref(),
                 recording: self.recording,
@@ -74,7 +81,15 @@ impl Drive<'_> {
                 curve: self.curve,
                 ..RunOptions::new(self.stop, status)
             };
-            agent::run(scenario, world, &mut *source, log, options)
+            let run = || agent::run(scenario, world, &mut *source, log, options);
+            match self.server {
+                None => run(),
+                Some(server) => {
+                    let (run_folder, stop) = (self.run, self.stop);
+                    let stage = Stage { run: run_folder, scenario, world, controls: &controls, stop };
+                    server.beside(&stage, run)
+                }
+            }
         });
         let outcome: Outcome = outcome.map_err(|e| text(&e))?;
         if outcome.actions >= scenario.actions as u64 {

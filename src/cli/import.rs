@@ -62,6 +62,7 @@ pub fn import(args: &ReplayArgs, file: &Path, stop: &AtomicBool) -> Ending {
             origin,
             keep: false,
             sampler: None,
+            server: None,
             state: None,
             curve: Vec::new(),
         };

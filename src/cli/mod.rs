@@ -22,10 +22,13 @@ mod steps;
 mod watch;
 
 use std::io::{ErrorKind, Write};
+use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+
+use crate::live::serve::parse_address;
 
 /// How a command ended.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -117,6 +120,14 @@ pub struct RunArgs {
     /// No report.html and drawings at the end: `adagio report RUN` can make them later.
     #[arg(long)]
     pub no_report: bool,
+    /// Serve a local web page of the run while it goes on: camera, map with value and policy, features, curves, health; with
+    /// buttons to pause, to move a goal and to stop. Its address is printed on stderr [default: 127.0.0.1 and a free port]. An
+    /// address that other machines can reach gets a token.
+    #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = "127.0.0.1:0", value_parser = parse_address)]
+    pub serve: Option<SocketAddr>,
+    /// The token that the page of --serve asks for, 16 to 128 letters [default: a random one, on loopback none].
+    #[arg(long, env = "ADAGIO_TOKEN", hide_env_values = true)]
+    pub token: Option<String>,
     /// No progress on stderr.
     #[arg(long)]
     pub quiet: bool,

@@ -100,6 +100,7 @@ fn again(
             origin,
             keep: false,
             sampler: None,
+            server: None,
             state: None,
             curve: Vec::new(),
         };

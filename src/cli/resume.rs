@@ -114,6 +114,7 @@ fn go_on(
         origin,
         keep: true,
         sampler: None,
+        server: None,
         state: kept.map(|kept| kept.parts),
         curve,
     };

@@ -7,6 +7,7 @@ use std::sync::atomic::AtomicBool;
 use super::drive::{self, Drive, log_options, metadata};
 use super::{Ending, RunArgs, folder};
 use crate::agent::{self, Memory};
+use crate::live::serve::{ServeError, Server};
 use crate::log::{Folder, RunLog};
 use crate::report::{Origin, Report};
 use crate::scenario::{OverMemory, Scenario, ScenarioError};
@@ -23,12 +24,30 @@ pub fn run(args: &RunArgs, stop: &AtomicBool) -> Ending {
         Ok(scenario) => Arc::new(scenario),
         Err(ending) => return ending,
     };
+    // Before there is a folder: an address that is taken leaves nothing behind.
+    let server = match server(args) {
+        Ok(server) => server,
+        Err(ending) => return ending,
+    };
     let run = match folder::create(args.out.as_deref(), &scenario) {
         Ok(run) => run,
         Err(ending) => return ending,
     };
-    let extras = Extras { quiet: args.quiet, report: !args.no_report, sampler: None };
+    if let Some(server) = &server {
+        eprintln!("the run can be watched at {}", server.url());
+        server.warning().into_iter().for_each(|warning| eprintln!("warning: {warning}"));
+    }
+    let extras = Extras { quiet: args.quiet, report: !args.no_report, sampler: None, server: server.as_ref() };
     drive::ending(in_folder(&scenario, &run, &extras, stop), &run, args.json)
+}
+
+/// The page that is asked for, if one is.
+fn server(args: &RunArgs) -> Result<Option<Server>, Ending> {
+    let Some(address) = args.serve else { return Ok(None) };
+    Server::new(address, args.token.clone()).map(Some).map_err(|error| match error {
+        ServeError::Token(_) => Ending::Usage(error.to_string()),
+        ServeError::Bind { .. } => Ending::failed(error),
+    })
 }
 
 /// Read a scenario; a file that cannot be read, or is not valid, or needs more memory than there is, is wrong usage.
@@ -87,6 +106,8 @@ pub struct Extras<'a> {
     pub report: bool,
     /// Who watches it.
     pub sampler: Option<&'a Sampler>,
+    /// The page of it.
+    pub server: Option<&'a Server>,
 }
 
 /// Run a scenario in a folder that was made for it. The error is one for people.
@@ -114,6 +135,7 @@ pub fn in_folder(
         evaluate: true,
         report: extras.report,
         sampler: extras.sampler,
+        server: extras.server,
         origin,
         keep: true,
         state: None,

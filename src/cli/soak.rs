@@ -36,7 +36,7 @@ pub fn soak(args: &SoakArgs, stop: &AtomicBool) -> Ending {
         Err(ending) => return ending,
     };
     let sampler = Sampler::new(&run, scenario.actions as u64, scenario.robot.action_seconds);
-    let extras = Extras { quiet: args.quiet, report: true, sampler: Some(&sampler) };
+    let extras = Extras { quiet: args.quiet, report: true, sampler: Some(&sampler), server: None };
     let soak = in_folder(&scenario, &run, &extras, stop)
         .and_then(|report| judged(&scenario, &run, &report, &sampler).map_err(|reason| reason.to_string()));
     let soak = match soak {

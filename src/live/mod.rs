@@ -12,6 +12,7 @@
 
 mod follow;
 mod look;
+pub mod serve;
 
 mod tail;
 pub mod terminal;

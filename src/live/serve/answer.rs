@@ -1,0 +1,148 @@
+//! What each request is answered.
+
+use std::convert::Infallible;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+use http_body_util::{BodyExt, Full, Limited};
+use hyper::body::{Bytes, Incoming};
+use hyper::header::{
+    ALLOW, CACHE_CONTROL, CONTENT_SECURITY_POLICY, CONTENT_TYPE, HeaderValue, REFERRER_POLICY, X_CONTENT_TYPE_OPTIONS,
+};
+use hyper::{Method, Request, Response, StatusCode};
+use nalgebra::Point2;
+use serde::Deserialize;
+
+use super::{Shared, bytes};
+use crate::agent::GoalMove;
+
+/// Most bytes of a request's body, and longest time for it.
+const MOST_BODY: usize = 1 << 10;
+const BODY_TIME: Duration = Duration::from_secs(5);
+
+const JSON: &str = "application/json";
+
+/// An answer that is no page.
+type Answer = Result<Bytes, (StatusCode, String)>;
+
+/// Answer a request. It never fails; the error is what hyper wants to hear.
+pub async fn answer(request: Request<Incoming>, shared: Arc<Shared>) -> Result<Response<Full<Bytes>>, Infallible> {
+    let (parts, body) = request.into_parts();
+    let path = parts.uri.path();
+    if let Err((status, text)) = shared.guard.admit(&parts.method, &parts.uri, &parts.headers) {
+        return Ok(refused(status, text));
+    }
+    let gets = ["/", "/now", "/curves", "/maps"].contains(&path);
+    let posts = ["/pause", "/resume", "/stop", "/goal"].contains(&path);
+    let allowed = if gets { Method::GET } else { Method::POST };
+    if !gets && !posts {
+        return Ok(refused(StatusCode::NOT_FOUND, "there is no such page"));
+    }
+    if parts.method != allowed {
+        let mut response = refused(StatusCode::METHOD_NOT_ALLOWED, "this is not how it is asked for");
+        if let Ok(allowed) = HeaderValue::from_str(allowed.as_str()) {
+            response.headers_mut().insert(ALLOW, allowed);
+        }
+        return Ok(response);
+    }
+    shared.ask();
+    let answer = match path {
+        "/" => {
+            let page = Bytes::from_static(shared.page.html.as_bytes());
+            let mut response = response(StatusCode::OK, "text/html; charset=utf-8", page);
+            if let Ok(policy) = HeaderValue::from_str(&shared.page.policy) {
+                response.headers_mut().insert(CONTENT_SECURITY_POLICY, policy);
+            }
+            return Ok(response);
+        }
+        "/now" => {
+            let published = shared.published();
+            let known =
+                parts.uri.query().and_then(|query| query.split('&').find_map(|pair| pair.strip_prefix("since=")));
+            if known.and_then(|known| known.parse().ok()) == Some(published.version) {
+                return Ok(response(StatusCode::NO_CONTENT, JSON, Bytes::new()));
+            }
+            Ok(published.now.clone())
+        }
+        "/curves" => Ok(shared.published().curves.clone()),
+        "/maps" => Ok(shared.published().maps.clone()),
+        "/goal" => match read(body).await {
+            Ok(body) => move_goal(&shared, &body),
+            Err(refusal) => Err(refusal),
+        },
+        _ => {
+            match path {
+                "/pause" => shared.controls.pause(true),
+                "/resume" => shared.controls.pause(false),
+                _ => shared.stop.store(true, Ordering::Relaxed),
+            }
+            Ok(Bytes::from_static(b"{}"))
+        }
+    };
+    Ok(match answer {
+        Ok(json) if json.is_empty() => response(StatusCode::NO_CONTENT, JSON, json),
+        Ok(json) => response(StatusCode::OK, JSON, json),
+        Err((status, text)) => refused(status, &text),
+    })
+}
+
+/// The body of a request, if it is not too long and comes soon enough.
+async fn read(body: Incoming) -> Answer {
+    let body = tokio::time::timeout(BODY_TIME, Limited::new(body, MOST_BODY).collect()).await;
+    let body = body.map_err(|_| (StatusCode::REQUEST_TIMEOUT, "the request took too long".to_owned()))?;
+    let too_long = |_| (StatusCode::PAYLOAD_TOO_LARGE, format!("a request has at most {MOST_BODY} bytes"));
+    Ok(body.map_err(too_long)?.to_bytes())
+}
+
+/// Where a goal shall be.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Wanted {
+    /// Name of the task.
+    task: String,
+    x: f64,
+    y: f64,
+}
+
+fn move_goal(shared: &Shared, body: &[u8]) -> Answer {
+    let wrong = |text: String| (StatusCode::BAD_REQUEST, text);
+    let wanted: Wanted = serde_json::from_slice(body).map_err(|error| {
+        wrong(format!("this is no place for a goal, {{\"task\": NAME, \"x\": M, \"y\": M}}: {error}"))
+    })?;
+    let Some(task) = shared.tasks.iter().position(|task| task.name == wanted.task) else {
+        let names: Vec<&str> = shared.tasks.iter().map(|task| task.name.as_str()).collect();
+        return Err(wrong(format!("there is no task {:?}: there are {}", wanted.task, names.join(", "))));
+    };
+    let place = Point2::new(wanted.x, wanted.y);
+    // JSON has no numbers that are not finite, but some that become so.
+    if !(wanted.x.is_finite() && wanted.y.is_finite() && shared.plan.is_reachable(place)) {
+        let (low, high) = shared.plan.reachable_box();
+        return Err(wrong(format!(
+            "the robot cannot be at ({}, {}) m: what it reaches lies within ({:.2}, {:.2}) and ({:.2}, {:.2})",
+            wanted.x, wanted.y, low.x, low.y, high.x, high.y
+        )));
+    }
+    if !shared.plan.leaves_circle(place, shared.tasks[task].radius) {
+        return Err(wrong(format!("a goal at ({}, {}) m would cover all that the robot reaches", wanted.x, wanted.y)));
+    }
+    let busy = |error: crate::agent::TooMany| (StatusCode::SERVICE_UNAVAILABLE, error.to_string());
+    shared.controls.move_goal(GoalMove { task, x: wanted.x, y: wanted.y }).map_err(busy)?;
+    Ok(Bytes::from_static(b"{}"))
+}
+
+fn refused(status: StatusCode, text: &str) -> Response<Full<Bytes>> {
+    response(status, JSON, bytes(&serde_json::json!({ "error": text })))
+}
+
+fn response(status: StatusCode, kind: &'static str, body: Bytes) -> Response<Full<Bytes>> {
+    let mut response = Response::new(Full::new(body));
+    *response.status_mut() = status;
+    let headers = response.headers_mut();
+    headers.insert(CONTENT_TYPE, HeaderValue::from_static(kind));
+    headers.insert(CACHE_CONTROL, HeaderValue::from_static("no-store"));
+    headers.insert(X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
+    // The first address holds the token.
+    headers.insert(REFERRER_POLICY, HeaderValue::from_static("no-referrer"));
+    response
+}
