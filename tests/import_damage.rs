@@ -16,7 +16,7 @@ use adagio::log::{Message, cdr};
 use adagio::scenario::Scenario;
 use adagio::source::imported::{Survey, frames_per_action};
 use adagio::source::{Imported, Source, View};
-use adagio::world::{Action, World};
+use adagio::world::Action;
 use common::{adagio, package_file, report, stderr, stdout};
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder as _};

@@ -10,22 +10,13 @@ use std::time::{Duration, Instant};
 
 use thiserror::Error;
 
+use crate::source::GoalMove;
+
 /// Moves of goals that may wait: a person makes one at a time.
 const MOST_MOVES: usize = 16;
 
 /// Time between looks at whether a run that is paused is to end: nobody wakes it for that.
 const LOOK_INTERVAL: Duration = Duration::from_millis(20);
-
-/// A goal is to be elsewhere from now on.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct GoalMove {
-    /// Number of the task, from 0.
-    pub task: usize,
-    /// Where its goal area's centre shall be, metres.
-    pub x: f64,
-    /// Where its goal area's centre shall be, metres.
-    pub y: f64,
-}
 
 /// More moves of goals wait than the run keeps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
@@ -92,9 +83,9 @@ impl Controls {
         self.lock().moves.iter().copied().collect()
     }
 
-    /// Take the oldest move, for the run.
-    pub fn take_move(&self) -> Option<GoalMove> {
-        self.lock().moves.pop_front()
+    /// Take all moves that wait, for the run.
+    pub(super) fn take_moves(&self) -> Vec<GoalMove> {
+        self.lock().moves.drain(..).collect()
     }
 
     /// For the run: stand still until no pause is wanted any more or the run is to end; how long that was.
@@ -145,12 +136,12 @@ mod tests {
     #[test]
     fn moves_are_taken_in_their_order_and_do_not_pile_up() {
         let controls = Controls::default();
-        let wanted = |task| GoalMove { task, x: 1.0, y: 0.5 };
+        let wanted = |task| GoalMove { task, goal: [1.0, 0.5] };
         for task in 0..MOST_MOVES {
             controls.move_goal(wanted(task)).unwrap();
         }
         assert_eq!(controls.move_goal(wanted(0)), Err(TooMany));
-        assert_eq!(controls.take_move(), Some(wanted(0)));
-        assert_eq!(controls.waiting_moves().len(), MOST_MOVES - 1);
+        assert_eq!(controls.take_moves(), (0..MOST_MOVES).map(wanted).collect::<Vec<_>>());
+        assert!(controls.waiting_moves().is_empty());
     }
 }

@@ -64,7 +64,11 @@ impl Supply<'_> {
     pub fn run(self, source: &mut (dyn Source + Send)) {
         let (mut first_ns, mut next) = (None, None);
         let begin = Instant::now();
-        let mut give = |frame: Frame| {
+        let mut give = |mut frame: Frame| {
+            // The last frame of an action is never dropped.
+            if let (Some(controls), Some(_)) = (self.controls, frame.boundary) {
+                frame.moved.extend(controls.take_moves());
+            }
             let first_ns = *first_ns.get_or_insert(frame.stamp_ns);
             if let Some(speed) = self.speed {
                 let due = Duration::from_nanos(frame.stamp_ns.saturating_sub(first_ns)).div_f64(speed);

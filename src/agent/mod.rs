@@ -41,7 +41,7 @@ mod turns;
 
 pub use checkpoint::{CHECKPOINT_NAME, CheckpointError, KeptState, STATE_NAME, read_checkpoint, read_state};
 pub use clock::Timing;
-pub use controls::{Controls, GoalMove, TooMany};
+pub use controls::{Controls, TooMany};
 pub use decide::Keep;
 pub use forecast::LogForecast;
 pub use memory::{Memory, machine_memory};

@@ -303,7 +303,7 @@ impl Watcher {
             tasks: scenario.map_or_else(Vec::new, |scenario| {
                 let view = |task: &crate::scenario::Task| TaskView {
                     name: task.name.clone(),
-                    goal: task.goal,
+                    goal: gathered.goals.get(&task.name).copied().unwrap_or(task.goal),
                     radius: task.radius,
                 };
                 scenario.tasks.iter().map(view).collect()

@@ -15,7 +15,7 @@ use nalgebra::Point2;
 use serde::Deserialize;
 
 use super::{Shared, bytes};
-use crate::agent::GoalMove;
+use crate::source::GoalMove;
 
 /// Most bytes of a request's body, and longest time for it.
 const MOST_BODY: usize = 1 << 10;
@@ -127,7 +127,7 @@ fn move_goal(shared: &Shared, body: &[u8]) -> Answer {
         return Err(wrong(format!("a goal at ({}, {}) m would cover all that the robot reaches", wanted.x, wanted.y)));
     }
     let busy = |error: crate::agent::TooMany| (StatusCode::SERVICE_UNAVAILABLE, error.to_string());
-    shared.controls.move_goal(GoalMove { task, x: wanted.x, y: wanted.y }).map_err(busy)?;
+    shared.controls.move_goal(GoalMove { task, goal: [wanted.x, wanted.y] }).map_err(busy)?;
     Ok(Bytes::from_static(b"{}"))
 }
 

@@ -34,8 +34,9 @@ pub use address::{AddressError, parse_address};
 pub use guard::{Guard, TokenError};
 
 use super::view::{View, Watcher};
-use crate::agent::{Controls, GoalMove};
+use crate::agent::Controls;
 use crate::scenario::{Plan, Scenario, Task};
+use crate::source::GoalMove;
 use crate::world::World;
 use page::Page;
 
@@ -298,7 +299,7 @@ struct Moved {
 
 fn publish(watcher: &mut Watcher, shared: &Shared, version: u64) {
     let view = watcher.view(Some(&shared.controls));
-    let moved = |GoalMove { task, x, y }: GoalMove| Moved { task, x, y };
+    let moved = |GoalMove { task, goal: [x, y] }: GoalMove| Moved { task, x, y };
     let epoch = view.maps.as_ref().map_or(0, |maps| maps.epoch);
     let now = Now {
         version,

@@ -113,6 +113,8 @@ pub struct Gathered {
     pub said: Vec<(f64, String)>,
     /// Goals that were moved: frame, task, new centre; at most [`SHOWN`].
     pub moved: Vec<GoalMoved>,
+    /// The newest centre of each goal area that was moved, by task.
+    pub goals: BTreeMap<String, [f64; 2]>,
     recent: VecDeque<(u64, Pose)>,
     sequence: Option<u32>,
     /// Whether the first observation of this file follows the last one before; none before it is read.
@@ -229,6 +231,7 @@ impl Gathered {
             warnings: 0,
             said: Vec::new(),
             moved: Vec::new(),
+            goals: BTreeMap::new(),
             recent: VecDeque::new(),
             sequence: None,
         }
@@ -287,8 +290,11 @@ impl Gathered {
             self.taken(&record.decode()?);
         } else if is(topics::GOAL.name()) {
             let moved: GoalMoved = record.decode()?;
-            if self.moved.len() < SHOWN && moved.x.is_finite() && moved.y.is_finite() {
-                self.moved.push(moved);
+            if moved.x.is_finite() && moved.y.is_finite() {
+                self.goals.insert(moved.task.clone(), [moved.x, moved.y]);
+                if self.moved.len() < SHOWN {
+                    self.moved.push(moved);
+                }
             }
         } else if is(topics::DECISION.name()) {
             let decision: Decision = record.decode()?;
