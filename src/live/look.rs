@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::SystemTime;
 
+use crossbeam_channel::{Receiver, TryRecvError, bounded};
 use faer::Par;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use serde::Serialize;
@@ -52,16 +53,18 @@ pub struct Maps {
 /// The room, and the newest model.
 pub struct Lookout {
     place: PathBuf,
-    room: Option<(Arc<Scenario>, World)>,
+    room: Option<(Arc<Scenario>, Arc<World>)>,
     /// Why there is no room, or why there is no model.
     pub missing: Option<String>,
     simulated: bool,
-    learned: Option<Learned>,
+    learned: Option<Arc<Learned>>,
     /// Of the checkpoint that was read last.
     read: Option<(SystemTime, u64)>,
     /// The log itself was looked through for a checkpoint.
     searched: bool,
     maps: Option<Arc<Maps>>,
+    /// The maps of a newer model, that are being made.
+    coming: Option<Receiver<Maps>>,
     /// One thread of its own: the others belong to the run.
     pool: Option<ThreadPool>,
     /// The last features, with the epoch and frames that they are of.
@@ -80,7 +83,9 @@ impl Lookout {
             read: None,
             searched: false,
             maps: None,
-            pool: ThreadPoolBuilder::new().num_threads(1).build().ok(),
+            coming: None,
+            // A panic there is told by the channel that it leaves, and must not take the run down.
+            pool: ThreadPoolBuilder::new().num_threads(1).panic_handler(|_| {}).build().ok(),
             features: (0, Vec::new()),
         }
     }
@@ -92,7 +97,7 @@ impl Lookout {
 
     /// The world, once it is known.
     pub fn world(&self) -> Option<&World> {
-        self.room.as_ref().map(|room| &room.1)
+        self.room.as_ref().map(|room| &*room.1)
     }
 
     /// Number of the newest model that was read; 0 without one.
@@ -110,7 +115,7 @@ impl Lookout {
         let near = if self.place.is_dir() { self.place.join("scenario.toml") } else { self.place.clone() };
         let room = Scenario::parse(text, &near, &[]).map_err(|error| error.to_string()).and_then(|scenario| {
             let world = World::new(&scenario).map_err(|error| error.to_string())?;
-            Ok((Arc::new(scenario), world))
+            Ok((Arc::new(scenario), Arc::new(world)))
         });
         match room {
             Ok(room) => self.room = Some(room),
@@ -137,24 +142,55 @@ impl Lookout {
         let Some(bytes) = bytes else { return };
         match read_checkpoint(&bytes, &file) {
             Ok((learned, own)) if self.scenario().is_none_or(|scenario| scenario.sha256() == own.sha256()) => {
-                self.maps = None;
-                self.learned = Some(learned);
+                self.learned = Some(Arc::new(learned));
             }
             Ok(_) => self.missing = Some("the checkpoint was learned with another scenario".to_owned()),
             Err(error) => self.missing = Some(error.to_string()),
         }
     }
 
-    /// What the newest model makes of the room; none without a model, or where the room is not simulated.
+    /// What a model makes of the room: the newest one that was looked at, which begins beside when there is a newer one. None
+    /// without a model, or where the room is not simulated.
     pub fn maps(&mut self) -> Option<Arc<Maps>> {
-        if let Some(maps) = &self.maps {
-            return Some(maps.clone());
+        match self.coming.as_ref().map(Receiver::try_recv) {
+            Some(Ok(maps)) => self.arrived(maps),
+            Some(Err(TryRecvError::Empty)) => {}
+            None | Some(Err(TryRecvError::Disconnected)) => self.begin(),
         }
-        let ((scenario, world), learned) = (self.room.as_ref().filter(|_| self.simulated)?, self.learned.as_ref()?);
-        let survey = self.pool.as_ref()?.install(|| Survey::with(FINENESS, scenario, world, learned));
-        let maps = Arc::new(maps_of(&survey, learned.epoch));
-        self.maps = Some(maps.clone());
-        Some(maps)
+        self.maps.clone()
+    }
+
+    /// Wait until the newest model was looked at.
+    pub fn wait_for_maps(&mut self) {
+        self.begin();
+        if let Some(Ok(maps)) = self.coming.as_ref().map(Receiver::recv) {
+            self.arrived(maps);
+        }
+    }
+
+    fn arrived(&mut self, maps: Maps) {
+        self.maps = Some(Arc::new(maps));
+        self.coming = None;
+    }
+
+    /// Begin to look at the newest model, unless that was done or is under way.
+    fn begin(&mut self) {
+        let (Some((scenario, world)), Some(learned), Some(pool), None) =
+            (self.room.as_ref().filter(|_| self.simulated), &self.learned, &self.pool, &self.coming)
+        else {
+            return;
+        };
+        if self.maps.as_ref().is_some_and(|maps| maps.epoch == learned.epoch) {
+            return;
+        }
+        let (scenario, world, learned) = (scenario.clone(), world.clone(), learned.clone());
+        let (send, coming) = bounded(1);
+        pool.spawn(move || {
+            let maps = maps_of(&Survey::with(FINENESS, &scenario, &world, &learned), learned.epoch);
+            // Whoever wanted it may be gone.
+            let _ = send.send(maps);
+        });
+        self.coming = Some(coming);
     }
 
     /// The first features of observations, by their frames: of each, the same number.

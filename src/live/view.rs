@@ -256,7 +256,13 @@ impl Watcher {
         self.follower.is_up_to_date()
     }
 
-    /// The run at this moment. A new model is looked at first, which takes some tenths of a second.
+    /// Wait until the newest model was looked at, of a run that is read to its end.
+    pub fn settle(&mut self) {
+        self.lookout.learn(true);
+        self.lookout.wait_for_maps();
+    }
+
+    /// The run at this moment. A new model is looked at beside; until that is done, the maps are of the one before.
     pub fn view(&mut self, controls: Option<&Controls>) -> View {
         let over = self.follower.is_closed() || (self.begun && self.follower.quiet_for() > SILENT);
         if self.begun {

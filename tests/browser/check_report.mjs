@@ -2,32 +2,13 @@
 //
 //   node check_report.mjs REPORT.html [SCREENSHOT_PREFIX]
 //
-// Exit code 3: there is no browser (its packages are missing, or it does not start). ADAGIO_BROWSER names the folder into which
-// `npm install --prefix FOLDER playwright-core @sparticuz/chromium` went; ADAGIO_CHROMIUM names another Chromium.
-import { createRequire } from 'node:module';
+// Exit code 3: there is no browser, see browser.mjs.
 import { pathToFileURL } from 'node:url';
 import path from 'node:path';
-
-async function browser() {
-    const folder = path.resolve(process.env.ADAGIO_BROWSER ?? 'target/browser');
-    const require = createRequire(path.join(folder, 'package.json'));
-    const load = async (name) => import(pathToFileURL(require.resolve(name)));
-    const { chromium } = await load('playwright-core').then((found) => found.default ?? found);
-    if (process.env.ADAGIO_CHROMIUM) {
-        return chromium.launch({ executablePath: process.env.ADAGIO_CHROMIUM, headless: true, args: ['--no-sandbox'] });
-    }
-    const packed = (await load('@sparticuz/chromium')).default;
-    return chromium.launch({ executablePath: await packed.executablePath(), args: ['--no-sandbox', '--disable-gpu'], headless: true });
-}
+import { browser } from './browser.mjs';
 
 const [page_path, screenshots] = process.argv.slice(2);
-let chromium;
-try {
-    chromium = await browser();
-} catch (error) {
-    console.error(`no browser: ${error.message.split('\n')[0]}`);
-    process.exit(3);
-}
+const chromium = await browser();
 const seen = { console: [], errors: [], requests: [], views: [] };
 try {
     for (const [width, scheme] of [[390, 'light'], [390, 'dark'], [800, 'light'], [1280, 'light']]) {

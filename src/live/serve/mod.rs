@@ -285,7 +285,7 @@ struct Now<'a> {
     maps: u32,
     /// A pause is wanted, though an action may still be under way.
     pausing: bool,
-    /// Somebody has stopped the run.
+    /// Moves of goals that the run has not taken yet.
     moves: Vec<Moved>,
 }
 

@@ -125,6 +125,7 @@ pub fn once(place: &Path) -> Result<String, WatchError> {
     while !watcher.is_up_to_date() {
         watcher.read_on(READ)?;
     }
+    watcher.settle();
     let view = watcher.view(None);
     Ok(plain(&view, PLAIN))
 }
