@@ -3,14 +3,14 @@
 mod common;
 
 use std::collections::BTreeMap;
+use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::Output;
 use std::sync::OnceLock;
-use std::{env, fs};
 
 use adagio::log::messages::{Image, Odometry, Point, Pose, PoseWithCovariance};
 use adagio::log::{Message, cdr};
-use common::{CHUNK, adagio, package_file, records_of, report, stderr, stdout};
+use common::{CHUNK, adagio, browser, package_file, records_of, report, stderr, stdout};
 use roxmltree::Document;
 use serde_json::Value;
 
@@ -346,31 +346,11 @@ fn of_another_programs_log_it_shows_what_there_is_and_says_what_is_missing() {
     assert!((2..=4).contains(&images), "{images} images");
 }
 
-/// What the browser saw of a page, or `None` if there is no browser, and that is allowed.
-fn browsed(page: &Path) -> Option<Value> {
-    let script = package_file("tests/browser/check_report.mjs");
-    let output = Command::new("node").arg(script).arg(page).output();
-    let missing = match output {
-        Err(cause) => format!("node does not start: {cause}"),
-        Ok(output) if output.status.code() == Some(3) => stderr(&output).trim().to_owned(),
-        Ok(output) => {
-            assert!(output.status.success(), "{}", stderr(&output));
-            return Some(serde_json::from_slice(&output.stdout).unwrap());
-        }
-    };
-    let required = env::var("ADAGIO_REQUIRE_BROWSER").is_ok_and(|value| value == "1");
-    assert!(!required, "NOT CHECKED in a browser: {missing}");
-    eprintln!("NOT CHECKED in a browser: {missing}");
-    None
-}
-
 /// In headless Chromium: no message, nothing loaded, every drawing is there, nothing is wider than a phone.
-///
-/// `ADAGIO_BROWSER` names the folder of its packages (see `.ci/run`); `ADAGIO_REQUIRE_BROWSER=1` makes a missing one a failure.
 #[test]
 fn a_browser_opens_the_page_without_errors_on_a_phone_and_a_desk() {
     let page = run().join("report.html");
-    let Some(seen) = browsed(&page) else { return };
+    let Some(seen) = browser("check_report.mjs", &[page.to_str().unwrap()]) else { return };
     assert_eq!(seen["console"].as_array().unwrap().len(), 0, "{}", seen["console"]);
     assert_eq!(seen["errors"].as_array().unwrap().len(), 0, "{}", seen["errors"]);
     let views = seen["views"].as_array().unwrap();

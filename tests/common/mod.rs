@@ -165,6 +165,26 @@ pub fn python(script: &str, arguments: &[&str]) -> Option<String> {
     None
 }
 
+/// What a script of `tests/browser` saw, or `None` if there is no browser, and that is allowed.
+///
+/// `ADAGIO_BROWSER` names the folder of its packages (see `.ci/run`); `ADAGIO_REQUIRE_BROWSER=1` makes a missing one a failure.
+pub fn browser(script: &str, arguments: &[&str]) -> Option<Value> {
+    let path = package_file("tests/browser").join(script);
+    let output = Command::new("node").arg(path).args(arguments).output();
+    let missing = match output {
+        Err(cause) => format!("node does not start: {cause}"),
+        Ok(output) if output.status.code() == Some(3) => stderr(&output).trim().to_owned(),
+        Ok(output) => {
+            assert!(output.status.success(), "{}", stderr(&output));
+            return Some(serde_json::from_slice(&output.stdout).unwrap());
+        }
+    };
+    let required = env::var("ADAGIO_REQUIRE_BROWSER").is_ok_and(|value| value == "1");
+    assert!(!required, "NOT CHECKED in a browser: {missing}");
+    eprintln!("NOT CHECKED in a browser: {missing}");
+    None
+}
+
 /// The records of a log as they lie in it: place, kind, length of the body.
 pub fn records_of(log: &[u8]) -> Vec<(usize, u8, usize)> {
     let (mut at, mut found) = (8_usize, Vec::new());
