@@ -13,17 +13,25 @@ pub(super) fn check(s: &Scenario, reader: &mut Reader<'_>) {
     modes(s, reader);
     changes(s, reader);
     tasks(s, reader);
+    rooms(s, reader);
     if s.world.walls.is_empty() {
         if reader.sound(&["world"]) {
-            reader.fault_at("world.wall", "is missing: a world needs at least one [[world.wall]]".into());
+            reader.fault_at(
+                "world.wall",
+                "is missing: a world needs at least one [[world.wall]] or [[world.room]]".into(),
+            );
         }
         return;
     }
-    if !reader.sound(&["world.wall"]) {
+    if !reader.sound(&["world.wall", "world.room"]) {
         return;
     }
     match Plan::new(s) {
-        Ok(plan) if reader.sound(&["robot.start", "robot.radius"]) => goals(s, &plan, reader),
+        Ok(plan) if reader.sound(&["robot.start", "robot.radius"]) => {
+            joined(s, &plan, reader);
+            outside(s, &plan, reader);
+            goals(s, &plan, reader);
+        }
         Ok(_) => {}
         Err(fault) => {
             if reader.sound(&["robot.start", "robot.radius"]) {
@@ -141,6 +149,55 @@ fn tasks(s: &Scenario, reader: &mut Reader<'_>) {
         if task.name.is_empty() || s.tasks[..index].iter().any(|other| other.name == task.name) {
             let text = format!("= {:?} is not allowed: names must be unique and not empty", task.name);
             reader.fault_at(&format!("task.{index}.name"), text);
+        }
+    }
+}
+
+/// Names of rooms are what messages and tables call them.
+fn rooms(s: &Scenario, reader: &mut Reader<'_>) {
+    for (index, room) in s.world.rooms.iter().enumerate() {
+        if room.name.is_empty() || s.world.rooms[..index].iter().any(|other| other.name == room.name) {
+            let text = format!("= {:?} is not allowed: names must be unique and not empty", room.name);
+            reader.fault_at(&format!("world.room.{index}.name"), text);
+        }
+    }
+}
+
+/// A room that the robot cannot get into is a slip: it does not touch the others, or its door is too narrow.
+fn joined(s: &Scenario, plan: &Plan, reader: &mut Reader<'_>) {
+    for (index, room) in s.world.rooms.iter().enumerate() {
+        if !plan.reachable_cells().any(|cell| room.contains(cell)) {
+            let text = format!(
+                "= [{:?}, {:?}] ({:?}) is out of reach from robot.start: it must touch or overlap a room that is not, on a                  length of more than {} m, twice robot.radius",
+                room.low,
+                room.high,
+                room.name,
+                2.0 * s.robot.radius
+            );
+            reader.fault_at(&format!("world.room.{index}.corners"), text);
+        }
+    }
+}
+
+/// Pyramids are painted behind all walls, so that is where they must be.
+fn outside(s: &Scenario, plan: &Plan, reader: &mut Reader<'_>) {
+    let (low, high) = plan.walls_box();
+    for (index, pyramid) in s.world.pyramids.iter().enumerate() {
+        let centre = Point2::from(pyramid.centre);
+        let distance = (centre - centre.sup(&low).inf(&high)).norm();
+        if distance < pyramid.reach() {
+            let text = format!(
+                "= {:?} is {distance:.1} m from the box around all walls, [{:.1}, {:.1}] × [{:.1}, {:.1}]: a pyramid with a \
+                 side of {} m must be at least {:.1} m away",
+                pyramid.centre,
+                low.x,
+                high.x,
+                low.y,
+                high.y,
+                pyramid.side,
+                pyramid.reach()
+            );
+            reader.fault_at(&format!("world.pyramid.{index}.centre"), text);
         }
     }
 }

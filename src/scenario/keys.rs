@@ -319,6 +319,15 @@ impl<'t> Section<'_, 't> {
         value
     }
 
+    /// A sub-section, `[this.name]`.
+    pub fn inner<R>(&mut self, name: &str, doc: &str, read: impl FnOnce(&mut Section<'_, 't>) -> R) -> R {
+        self.allow_sections(&[name]);
+        let path = self.name(name);
+        // Within a list, TOML means the last section of it, without its number.
+        let words: Vec<&str> = path.split('.').filter(|word| word.parse::<usize>().is_err()).collect();
+        self.reader.at(&path, &format!("[{}]", words.join(".")), doc, read)
+    }
+
     /// The full name of a key of this section, as it stands in messages and `--set`.
     pub fn name(&self, key: &str) -> String {
         if self.path.is_empty() { key.to_owned() } else { format!("{}.{key}", self.path) }

@@ -8,12 +8,16 @@ mod change;
 mod checks;
 mod keys;
 mod plan;
+mod pyramids;
+mod rooms;
 mod sections;
 mod topics;
 
 pub use change::{Change, Happens};
 pub use keys::Fault;
-pub use plan::{Plan, PlanFault, segments_of as plan_segments};
+pub use plan::{Plan, PlanFault, pieces_of as plan_pieces, segments_of as plan_segments};
+pub use pyramids::Pyramid;
+pub use rooms::{Room, SIDES};
 pub use sections::*;
 pub use topics::{Stamps, TopicChoice, Topics};
 

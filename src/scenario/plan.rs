@@ -137,14 +137,42 @@ impl Plan {
 
 /// The straight pieces of a wall.
 pub fn segments_of(wall: &Wall) -> Vec<(Point2<f64>, Point2<f64>)> {
+    pieces_of(wall).into_iter().map(|(a, b, _)| (a, b)).collect()
+}
+
+/// The straight pieces of a wall, each with the distance along the wall at which it begins.
+pub fn pieces_of(wall: &Wall) -> Vec<(Point2<f64>, Point2<f64>, f64)> {
     let corners: Vec<Point2<f64>> = wall.points.iter().map(|&p| Point2::from(p)).collect();
-    let mut segments: Vec<_> = corners.windows(2).map(|pair| (pair[0], pair[1])).collect();
+    let mut sides: Vec<_> = corners.windows(2).map(|pair| (pair[0], pair[1])).collect();
     if wall.closed
         && let (Some(&last), Some(&first)) = (corners.last(), corners.first())
     {
-        segments.push((last, first));
+        sides.push((last, first));
     }
-    segments
+    let mut pieces = Vec::new();
+    let mut offset = 0.0;
+    for (a, b) in sides {
+        let length = (b - a).norm();
+        // What gaps leave of this side, from the start of the wall on.
+        let mut from = offset;
+        let mut stand = |from: f64, to: f64| {
+            let at = |place: f64| if length > 0.0 { a + (b - a) * ((place - offset) / length) } else { a };
+            let end = if to == offset + length { b } else { at(to) };
+            let start = if from == offset { a } else { at(from) };
+            if to > from || wall.gaps.is_empty() {
+                pieces.push((start, end, from));
+            }
+        };
+        for &[open, close] in wall.gaps.iter().filter(|gap| gap[1] > offset && gap[0] < offset + length) {
+            stand(from, open.max(offset));
+            from = close;
+        }
+        if from < offset + length || wall.gaps.is_empty() {
+            stand(from, offset + length);
+        }
+        offset += length;
+    }
+    pieces
 }
 
 /// Distance from a point to the nearest of some walls, metres.

@@ -5,6 +5,8 @@ use std::path::{Path, PathBuf};
 use super::Topics;
 use super::change::Change;
 use super::keys::{Range, Reader, Section};
+use super::pyramids::Pyramid;
+use super::rooms::{Room, walls_of};
 use crate::dictionary::WhenFull;
 use crate::log::{Compression, MAX_CHUNK_TARGET_BYTES};
 
@@ -52,8 +54,12 @@ pub struct Scenario {
 /// `[world]`: what the robot drives in.
 #[derive(Debug, Clone, PartialEq)]
 pub struct World {
-    /// `[[world.wall]]`
+    /// `[[world.room]]`
+    pub rooms: Vec<Room>,
+    /// `[[world.wall]]`, and behind them four walls for each room, in the order of [`SIDES`](super::SIDES).
     pub walls: Vec<Wall>,
+    /// `[[world.pyramid]]`
+    pub pyramids: Vec<Pyramid>,
     /// `[world.floor]`
     pub floor: Texture,
     /// `[world.surroundings]`: what is seen above the walls, far away.
@@ -67,6 +73,8 @@ pub struct Wall {
     pub points: Vec<[f64; 2]>,
     /// Whether the last corner is joined to the first.
     pub closed: bool,
+    /// Parts without a wall, from and to, metres along it, in order and apart from each other.
+    pub gaps: Vec<[f64; 2]>,
     /// Height, metres.
     pub height: f64,
     /// Wallpaper.
@@ -101,8 +109,12 @@ pub enum Pattern {
     Smooth,
     /// Sheets of wallpaper of random colours side by side.
     Patches,
+    /// Blocks of stone, each with a figure of its own in relief.
+    Reliefs,
     /// Vertical stripes of random colours.
     Stripes,
+    /// The base colour, paler towards the horizon: for the surroundings.
+    Sky,
 }
 
 /// `[robot]`
@@ -432,13 +444,21 @@ impl Scenario {
                 s.count("actions", 15_000, "actions", 10, 1_000_000_000, "the run ends after this many"),
             )
         });
-        reader.section("world", "what the robot drives in", |s| s.allow_sections(&["wall", "floor", "surroundings"]));
-        let walls = reader.sections("world.wall", "a polyline that stands upright", |s, index| Wall {
+        reader.section("world", "what the robot drives in", |s| {
+            s.allow_sections(&["room", "wall", "pyramid", "floor", "surroundings"]);
+        });
+        let rooms = reader.sections("world.room", "a rectangle of floor; rooms that touch or overlap are joined", {
+            |s, index| Room::read(s, base, index)
+        });
+        let mut walls = reader.sections("world.wall", "a polyline that stands upright", |s, index| Wall {
             points: s.points("points", "corners"),
             closed: s.flag("closed", false, "whether the last corner is joined to the first"),
+            gaps: Vec::new(),
             height: s.number("height", 0.9, "m", Range::above(0.0, 100.0), "height of the wall"),
             texture: Texture::read(s, base, Defaults::wall(index)),
         });
+        walls.extend(walls_of(&rooms));
+        let pyramids = reader.sections("world.pyramid", "stands outside, far away", Pyramid::read);
         let floor = reader.section("world.floor", "", |s| Texture::read(s, base, Defaults::FLOOR));
         let surroundings = reader.section("world.surroundings", "seen above the walls, far away", |s| {
             Texture::read(s, base, Defaults::SURROUNDINGS)
@@ -447,7 +467,7 @@ impl Scenario {
             name,
             seed,
             actions,
-            world: World { walls, floor, surroundings },
+            world: World { rooms, walls, pyramids, floor, surroundings },
             robot: reader.section("robot", "", Robot::read),
             camera: reader.section("camera", "", Camera::read),
             vision: reader.section("vision", "camera image to observation", Vision::read),
@@ -470,7 +490,19 @@ impl Scenario {
 /// Scales of walls and floors, metres.
 const METRES: Range = Range::within(0.01, 1000.0);
 
-struct Defaults {
+/// Patterns by the words of the file.
+const PATTERNS: [(&str, Pattern); 6] = [
+    ("plain", Pattern::Plain),
+    ("smooth", Pattern::Smooth),
+    ("patches", Pattern::Patches),
+    ("stripes", Pattern::Stripes),
+    ("reliefs", Pattern::Reliefs),
+    ("sky", Pattern::Sky),
+];
+
+pub(super) struct Defaults {
+    /// An image in place of the pattern.
+    image: Option<PathBuf>,
     pattern: usize,
     scale: f64,
     hue: f64,
@@ -482,9 +514,18 @@ struct Defaults {
 }
 
 impl Defaults {
-    const FLOOR: Defaults =
-        Defaults { pattern: 1, scale: 0.6, hue: 40.0, hue_spread: 20.0, contrast: 0.3, seed: 1001, range: METRES };
+    const FLOOR: Defaults = Defaults {
+        image: None,
+        pattern: 1,
+        scale: 0.6,
+        hue: 40.0,
+        hue_spread: 20.0,
+        contrast: 0.3,
+        seed: 1001,
+        range: METRES,
+    };
     const SURROUNDINGS: Defaults = Defaults {
+        image: None,
         pattern: 1,
         scale: 40.0,
         hue: 210.0,
@@ -497,7 +538,30 @@ impl Defaults {
     /// Walls differ in hue and pattern unless the file says otherwise.
     fn wall(index: usize) -> Defaults {
         let hue = (index as f64 * 97.0) % 360.0;
-        Defaults { pattern: 2, scale: 0.45, hue, hue_spread: 60.0, contrast: 0.6, seed: index + 1, range: METRES }
+        Defaults {
+            image: None,
+            pattern: 2,
+            scale: 0.45,
+            hue,
+            hue_spread: 60.0,
+            contrast: 0.6,
+            seed: index + 1,
+            range: METRES,
+        }
+    }
+
+    /// Rooms differ as walls do.
+    pub(super) fn room(index: usize) -> Defaults {
+        Defaults::wall(index)
+    }
+
+    /// A side of a room is papered as the room is, but in no two of them the pattern is the same.
+    pub(super) fn side(room: &Texture, side: usize) -> Defaults {
+        let Texture { image, scale, hue, hue_spread, contrast, .. } = room.clone();
+        let pattern = PATTERNS.iter().position(|&(_, pattern)| pattern == room.pattern).unwrap_or(0);
+        // Rooms of neighbouring seeds must not share patterns; a written seed must be one that can be read.
+        let seed = (room.seed as usize + 1000 * (side + 1)) % u32::MAX as usize;
+        Defaults { image, pattern, scale, hue, hue_spread, contrast, seed, range: METRES }
     }
 }
 
@@ -507,14 +571,9 @@ impl Texture {
         Texture::read(s, base, Defaults { seed: index + 501, ..Defaults::wall(index + 2) })
     }
 
-    fn read(s: &mut Section<'_, '_>, base: &Path, d: Defaults) -> Self {
-        const PATTERNS: [(&str, Pattern); 4] = [
-            ("plain", Pattern::Plain),
-            ("smooth", Pattern::Smooth),
-            ("patches", Pattern::Patches),
-            ("stripes", Pattern::Stripes),
-        ];
+    pub(super) fn read(s: &mut Section<'_, '_>, base: &Path, d: Defaults) -> Self {
         let image = s.file("image", base, "PNG file, relative to this file, instead of the pattern; empty: none");
+        let image = image.or(d.image);
         if let Some(path) = &image
             && let Err(error) = image::ImageReader::open(path).map_err(image::ImageError::from).and_then(|r| r.decode())
         {

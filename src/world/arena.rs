@@ -7,7 +7,7 @@ use nalgebra::{Point2, Vector2};
 use rapier2d::parry::query::ShapeCastOptions;
 use rapier2d::prelude::{Ball, ColliderBuilder, PhysicsWorld, Pose as RapierPose, Ray, Vector};
 
-use crate::scenario::Wall;
+use crate::scenario::{Wall, plan_segments};
 
 /// A swept disc stops this far from a wall, metres, so that the next sweep does not start inside it.
 const SKIN: f64 = 1e-3;
@@ -34,6 +34,14 @@ impl Arena {
         let mut physics = PhysicsWorld::new();
         physics.gravity = Vector::ZERO;
         for wall in walls {
+            if !wall.gaps.is_empty() {
+                // What stands of a wall with gaps is not joined.
+                for (a, b) in plan_segments(wall) {
+                    let ends = vec![single(a.x, a.y), single(b.x, b.y)];
+                    physics.insert_collider(ColliderBuilder::polyline(ends, None), None);
+                }
+                continue;
+            }
             let mut corners: Vec<Vector> = wall.points.iter().map(|p| single(p[0], p[1])).collect();
             if wall.closed {
                 corners.extend(corners.first().copied());
@@ -94,7 +102,7 @@ mod tests {
             seed: 0,
         };
         let points = vec![[0.0, 0.0], [3.0, 0.0], [3.0, 1.8], [0.0, 1.8]];
-        Arena::new(&[Wall { points, closed: true, height: 0.9, texture }])
+        Arena::new(&[Wall { points, closed: true, gaps: Vec::new(), height: 0.9, texture }])
     }
 
     #[test]

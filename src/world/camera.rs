@@ -10,9 +10,10 @@
 
 use nalgebra::{Point2, Vector2};
 
+use super::pyramids::Pyramid;
 use super::texture::{TextureMap, fixed};
 use super::{Image, Pose};
-use crate::scenario::{self, Detail, Scenario, plan_segments};
+use crate::scenario::{self, Detail, Scenario, plan_pieces};
 
 /// Columns of a tile.
 const TILE: usize = 16;
@@ -74,6 +75,7 @@ pub struct Camera {
     floor_depths: Vec<u64>,
     panels: Vec<Panel>,
     walls: Vec<(f64, TextureMap)>,
+    pyramids: Vec<Pyramid>,
     floor: TextureMap,
     surroundings: TextureMap,
 }
@@ -93,13 +95,11 @@ impl Camera {
         let mut panels = Vec::new();
         let mut walls = Vec::new();
         for (index, wall) in scenario.world.walls.iter().enumerate() {
-            let mut offset = 0.0;
-            for (a, b) in plan_segments(wall) {
+            for (a, b, offset) in plan_pieces(wall) {
                 let length = (b - a).norm();
                 if length > 0.0 {
                     panels.push(Panel { from: a, along: (b - a) / length, length, offset, wall: index });
                 }
-                offset += length;
             }
             walls.push((wall.height, TextureMap::new(&wall.texture, None)?));
         }
@@ -132,6 +132,7 @@ impl Camera {
             floor_depths,
             panels,
             walls,
+            pyramids: scenario.world.pyramids.iter().map(Pyramid::new).collect(),
             floor: TextureMap::new(&scenario.world.floor, None)?,
             surroundings: TextureMap::new(&scenario.world.surroundings, Some(360.0))?,
         })
@@ -220,6 +221,7 @@ impl Camera {
                 end = top;
             }
         }
+        let above_walls = end;
         if self.horizon < end {
             self.paint_floor(pose, column, self.horizon, end, strip);
             end = self.horizon;
@@ -229,6 +231,24 @@ impl Camera {
         let around = self.surroundings.phase(0, pose.heading.to_degrees() - column.bearing);
         let (first, step) = (fixed(self.slope * periods), fixed(self.fall * periods));
         strip.paint(0, end, self.surroundings.column(around), first, step);
+        self.paint_pyramids(pose, column, above_walls, strip);
+    }
+
+    /// Paint pyramids over ground and surroundings. A scenario's checks keep them outside the walls, so that walls are nearer.
+    fn paint_pyramids(&self, pose: &Pose, column: &Column, end: usize, strip: &mut Strip<'_>) {
+        let ahead = pose.direction();
+        let ray = ahead + Vector2::new(ahead.y, -ahead.x) * column.aside;
+        let seen = self.pyramids.iter().filter_map(|pyramid| pyramid.cross(pose.position, ray)).collect::<Vec<_>>();
+        if seen.is_empty() {
+            return;
+        }
+        for (row, texels) in strip.tile[..end].iter_mut().enumerate() {
+            let slope = self.slope - row as f64 * self.fall;
+            let entries = seen.iter().filter_map(|crossing| crossing.entry(self.settings.mount_height, slope));
+            if let Some((_, texel)) = entries.min_by(|a, b| a.0.total_cmp(&b.0)) {
+                texels[strip.lane % TILE] = texel;
+            }
+        }
     }
 
     fn paint_floor(&self, pose: &Pose, column: &Column, begin: usize, end: usize, strip: &mut Strip<'_>) {

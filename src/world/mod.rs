@@ -9,6 +9,7 @@ mod camera;
 mod image;
 mod looks;
 mod noise;
+mod pyramids;
 mod sensor;
 mod texture;
 

@@ -96,12 +96,22 @@ fn procedural(texture: &Texture, around: Option<f64>) -> TextureMap {
     let palette: Vec<[f64; 3]> = (0..across * ELEMENTS).map(|_| colour(texture, &mut rng)).collect();
     let (width, height) = (across * TEXELS, ELEMENTS * TEXELS);
     let entry = |i: usize, j: usize| palette[(j % ELEMENTS) * across + i % across];
+    let figures = if texture.pattern == Pattern::Reliefs { figures(palette.len(), &mut rng) } else { Vec::new() };
     let texel = |x: usize, y: usize| -> [f64; 3] {
         let (i, j) = (x / TEXELS, y / TEXELS);
         match texture.pattern {
             Pattern::Plain => hsv(texture.hue, 0.5, 0.6),
             Pattern::Patches => entry(i, j),
             Pattern::Stripes => entry(i, 0),
+            Pattern::Reliefs => {
+                let figure = figures[(j % ELEMENTS) * across + i % across];
+                let shade = relief(figure, x % TEXELS, y % TEXELS, texture.contrast);
+                entry(i, j).map(|value| value * shade)
+            }
+            Pattern::Sky => {
+                let height = y as f64 / height as f64;
+                hsv(texture.hue, 0.15 + 0.5 * height.sqrt(), 0.95 - 0.25 * height)
+            }
             Pattern::Smooth => {
                 let weight = |t: usize| {
                     let t = t as f64 / TEXELS as f64;
@@ -120,6 +130,48 @@ fn procedural(texture: &Texture, around: Option<f64>) -> TextureMap {
     TextureMap::of(width, height, density, |x, y| texel(x, height - 1 - y).map(|value| (255.0 * value).round() as u8))
 }
 
+/// Cells of a figure in relief, along each side.
+const CELLS: usize = 6;
+/// Texels between a block's edge and its figure.
+const FRAME: usize = 6;
+
+/// Random figures, one bit for each cell. They are symmetric, as pictures of gods and beasts are, from the middle outwards.
+fn figures(count: usize, rng: &mut ChaCha8Rng) -> Vec<u64> {
+    let figure = |_| {
+        let mut bits = 0u64;
+        for row in 0..CELLS {
+            for column in 0..CELLS / 2 {
+                // Denser in the middle, so that figures hang together.
+                if rng.random_range(0.0..1.0) < 0.3 + 0.15 * column as f64 {
+                    bits |= 1 << (row * CELLS + column) | 1 << (row * CELLS + CELLS - 1 - column);
+                }
+            }
+        }
+        bits
+    };
+    (0..count).map(figure).collect()
+}
+
+/// Brightness of a texel of a block: dark in joints, in the sunk figure and at its upper edges, bright at its lower ones.
+fn relief(figure: u64, x: usize, y: usize, contrast: f64) -> f64 {
+    let joint = x < 2 || y < 2;
+    let cell = |v: usize| v.checked_sub(FRAME).map(|v| v * CELLS / (TEXELS - 2 * FRAME)).filter(|&cell| cell < CELLS);
+    let sunk = |x: usize, y: usize| match (cell(x), cell(y)) {
+        (Some(column), Some(row)) => figure >> (row * CELLS + column) & 1 == 1,
+        _ => false,
+    };
+    let depth = if joint {
+        -0.9
+    } else if sunk(x, y) {
+        if sunk(x, y + 2) { -0.6 } else { -1.0 }
+    } else if y >= 2 && sunk(x, y - 2) {
+        0.35
+    } else {
+        0.0
+    };
+    1.0 + 0.8 * contrast * depth
+}
+
 /// A random colour of a texture's palette.
 fn colour(texture: &Texture, rng: &mut ChaCha8Rng) -> [f64; 3] {
     let hue = texture.hue + texture.hue_spread * rng.random_range(-1.0..1.0);
@@ -129,7 +181,7 @@ fn colour(texture: &Texture, rng: &mut ChaCha8Rng) -> [f64; 3] {
 }
 
 /// Hue in degrees, saturation and value in [0, 1], to RGB in [0, 1].
-fn hsv(hue: f64, saturation: f64, value: f64) -> [f64; 3] {
+pub fn hsv(hue: f64, saturation: f64, value: f64) -> [f64; 3] {
     let sector = hue.rem_euclid(360.0) / 60.0;
     [5.0, 3.0, 1.0].map(|n: f64| {
         let k = (n + sector) % 6.0;
