@@ -13,6 +13,7 @@ use crate::scenario::ScenarioError;
 use crate::slow::SlowError;
 use crate::slow::coherence::CoherenceError;
 use crate::slow::ica::IcaError;
+use crate::slow::region::RegionError;
 use crate::slow::theory::TheoryError;
 use crate::value::ValueError;
 
@@ -79,6 +80,9 @@ pub enum ExperimentError {
     /// The library's part.
     #[error(transparent)]
     Theory(#[from] TheoryError),
+    /// The library's part.
+    #[error(transparent)]
+    Region(#[from] RegionError),
     /// The library's part.
     #[error(transparent)]
     Value(#[from] ValueError),

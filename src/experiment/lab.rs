@@ -18,6 +18,8 @@ use crate::world::{Action, Image, Pose, Robot, Sensor, World, wrap};
 
 /// The scenario of the lab, as it is in the repository.
 const LAB: &str = include_str!("../../scenarios/lab.toml");
+/// That of the two rooms.
+const TWO_ROOMS: &str = include_str!("../../scenarios/two_rooms.toml");
 
 /// Frames of the thesis's video, at about one a second (§5.2).
 pub const FRAMES: usize = 35_128;
@@ -42,9 +44,21 @@ impl Lab {
     /// # Errors
     /// Keys that the scenario does not have, or values that it does not allow.
     pub fn new(seed: u64, sets: &[&str]) -> Result<Self, ExperimentError> {
+        Lab::of(LAB, "lab.toml", seed, sets)
+    }
+
+    /// The thesis's two-room environment, with some keys changed.
+    ///
+    /// # Errors
+    /// As those of [`Lab::new`].
+    pub fn two_rooms(seed: u64, sets: &[&str]) -> Result<Self, ExperimentError> {
+        Lab::of(TWO_ROOMS, "two_rooms.toml", seed, sets)
+    }
+
+    fn of(text: &str, name: &str, seed: u64, sets: &[&str]) -> Result<Self, ExperimentError> {
         let fixed = [format!("seed={seed}"), "robot.frames_per_action=1".into(), "camera.detail=vision".into()];
         let sets: Vec<String> = fixed.into_iter().chain(sets.iter().map(|&set| set.to_owned())).collect();
-        let scenario = Scenario::parse(LAB, Path::new("lab.toml"), &sets)?;
+        let scenario = Scenario::parse(text, Path::new(name), &sets)?;
         let world = Arc::new(World::new(&scenario)?);
         Ok(Lab { scenario: Arc::new(scenario), world })
     }

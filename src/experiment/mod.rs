@@ -10,6 +10,8 @@
 //! | [`responses`] | figures *sfa_compare*, *nomix*, *mix* |
 //! | [`pose_lspi`] | figure *pi_overfitting* |
 //! | [`vision_lspi`] | figure *pi_nf_sim* |
+//! | [`two_rooms::responses`] | figure *egyptfeats* |
+//! | [`two_rooms::lspi`] | figure *pi_nf_egypt* |
 //! | [`trajectories`] | figure *robotest* |
 //! | [`selection`] | §2.2.6; Böhmer et al. 2013 |
 //! | [`online`] | none: the stream against the thesis's and other methods |
@@ -34,6 +36,7 @@ mod spans;
 mod table;
 mod trained;
 pub mod trajectories;
+pub mod two_rooms;
 pub mod vision_lspi;
 
 pub use band::{BAND, Band};
@@ -46,8 +49,10 @@ pub use table::{Cell, SAYS, THESIS, Table};
 pub const ALL: &[Experiment] = &[
     slowness::EXPERIMENT,
     responses::EXPERIMENT,
+    two_rooms::responses::EXPERIMENT,
     pose_lspi::EXPERIMENT,
     vision_lspi::EXPERIMENT,
+    two_rooms::lspi::EXPERIMENT,
     trajectories::EXPERIMENT,
     selection::EXPERIMENT,
     online::EXPERIMENT,

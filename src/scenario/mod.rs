@@ -15,6 +15,7 @@ mod topics;
 
 pub use change::{Change, Happens};
 pub use keys::Fault;
+pub(crate) use plan::nearest;
 pub use plan::{Plan, PlanFault, pieces_of as plan_pieces, segments_of as plan_segments};
 pub use pyramids::Pyramid;
 pub use rooms::{Room, SIDES};

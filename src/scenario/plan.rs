@@ -180,7 +180,8 @@ pub fn clearance(walls: &[Wall], point: Point2<f64>) -> f64 {
     nearest(&walls.iter().flat_map(segments_of).collect::<Vec<_>>(), point)
 }
 
-fn nearest(segments: &[(Point2<f64>, Point2<f64>)], point: Point2<f64>) -> f64 {
+/// Distance from a point to the nearest of some segments, metres; infinite without any.
+pub(crate) fn nearest(segments: &[(Point2<f64>, Point2<f64>)], point: Point2<f64>) -> f64 {
     segments.iter().map(|&(a, b)| distance_to_segment(point, a, b)).fold(f64::INFINITY, f64::min)
 }
 

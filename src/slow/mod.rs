@@ -87,6 +87,7 @@ mod linear;
 mod links;
 mod model;
 mod moments;
+pub mod region;
 mod retained;
 mod reveal;
 mod solve;

@@ -7,7 +7,7 @@ use nalgebra::{Point2, Vector2};
 use rapier2d::parry::query::ShapeCastOptions;
 use rapier2d::prelude::{Ball, ColliderBuilder, PhysicsWorld, Pose as RapierPose, Ray, Vector};
 
-use crate::scenario::{Wall, plan_segments};
+use crate::scenario::{Wall, nearest, plan_segments};
 
 /// A swept disc stops this far from a wall, metres, so that the next sweep does not start inside it.
 const SKIN: f64 = 1e-3;
@@ -15,6 +15,7 @@ const SKIN: f64 = 1e-3;
 /// The walls.
 pub struct Arena {
     physics: PhysicsWorld,
+    segments: Vec<(Point2<f64>, Point2<f64>)>,
 }
 
 impl std::fmt::Debug for Arena {
@@ -50,7 +51,12 @@ impl Arena {
         }
         // Nothing moves in here by itself: one step builds the search tree.
         physics.step();
-        Arena { physics }
+        Arena { physics, segments: walls.iter().flat_map(plan_segments).collect() }
+    }
+
+    /// Distance from a point to the nearest wall, metres; infinite without walls.
+    pub fn clearance(&self, point: Point2<f64>) -> f64 {
+        nearest(&self.segments, point)
     }
 
     /// Sweep a disc along a translation; the part of it that is free, and whether a wall stopped it.

@@ -1,0 +1,290 @@
+//! `two-rooms-responses`: what slow features look like in two rooms (thesis §5.2.4, figure *egyptfeats*), and what the optimal
+//! responses of that floor plan are, which the thesis did not know.
+//!
+//! Features are looked at as maps over the floor, mean of 8 headings, by a camera without noise. A feature is *of a room* by the
+//! share of its mean square that lies there.
+
+use faer::Mat;
+use serde::{Deserialize, Serialize};
+
+use super::floor::{APART, Floor, LIKE, OF_ROOM, STEP, Single};
+use super::{Pairs, TRANSITIONS, Training, VECTORS, optimal_responses, rooms, train};
+use crate::experiment::lab::{Lab, points};
+use crate::experiment::maps::{Grid, HEADINGS, Map, sheet};
+use crate::experiment::responses::overlapping;
+use crate::experiment::spans::standardised;
+use crate::experiment::{Band, Bench, Cell, Experiment, ExperimentError, Results, Sizes, Table};
+
+/// The experiment.
+pub const EXPERIMENT: Experiment = Experiment {
+    name: "two-rooms-responses",
+    line: "slow features in two rooms, and the optimal responses of that floor plan (figure egyptfeats)",
+    lasts: Sizes { full: "an hour", quick: "5 min", smoke: "seconds" },
+    run,
+};
+
+/// Pairs of frames, and support vectors.
+const TRAINING: Sizes<(usize, usize)> = Sizes { full: (TRANSITIONS, VECTORS), quick: (15_000, 1500), smoke: (300, 60) };
+/// Places of the maps.
+const PLACES: Sizes<Grid> = Sizes {
+    full: Grid { width: 64, height: 32 },
+    quick: Grid { width: 56, height: 20 },
+    smoke: Grid { width: 28, height: 10 },
+};
+/// Features that are drawn and described one by one: those of the thesis's figure.
+const SINGLE: usize = 6;
+/// Sizes of the sets that are compared as subspaces.
+const SETS: [usize; 6] = [1, 3, 6, 10, 20, 30];
+/// Responses that features are compared with.
+const CANDIDATES: usize = 30;
+
+#[derive(Serialize)]
+struct Settings {
+    training: Training,
+    places: Grid,
+    sets: [usize; 6],
+    candidates: usize,
+}
+
+/// What came of a seed.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Outcome {
+    /// Support vectors.
+    pub support_vectors: usize,
+    /// The first features.
+    pub features: Vec<Single>,
+    /// The slowest optimal responses that depend on the place alone.
+    pub theory: Vec<Single>,
+    /// For each of the sets: how well the features' span and the responses' agree: mean of the squared cosines of the principal
+    /// angles.
+    pub overlaps: Vec<(usize, f64)>,
+}
+
+fn compute(lab: &Lab, settings: &Settings, bench: &Bench<'_>) -> Result<Outcome, ExperimentError> {
+    let pairs = Pairs::draw(lab, settings.training.data.actions);
+    let (_, model) = train(lab, &pairs, &settings.training, bench)?;
+    let theory = optimal_responses(lab, &pairs, settings.candidates)?;
+    let floor = Floor::new(lab, settings.places);
+    let poses = floor.poses();
+    let phi = model.apply(lab.views(&poses, bench)?.as_ref(), bench.scope.par)?;
+    let features = phi.subrows(1, phi.nrows() - 1).to_owned();
+    let responses = theory.evaluate(points(&poses).as_ref());
+    let (f, r) = (standardised(features.as_ref()), standardised(responses.as_ref()));
+    let values = |of: &Mat<f64>, i: usize| of.row(i).iter().copied().collect::<Vec<f64>>();
+    let correlations = &f * r.transpose();
+    let single = |i: usize| -> Result<Single, ExperimentError> {
+        let likeness = |j: usize| correlations[(i, j)].abs();
+        let best = (0..r.nrows()).max_by(|&a, &b| likeness(a).total_cmp(&likeness(b))).unwrap_or(0);
+        Ok(Single {
+            best: (best + 1, likeness(best)),
+            explained: overlapping(f.subrows(i, 1), r.as_ref())?.0,
+            ..floor.look(lab, &values(&features, i), model.slowness[i])
+        })
+    };
+    let of_place = theory.responses().iter().enumerate().filter(|(_, response)| response.heading == 0).take(SINGLE);
+    let theory = of_place.map(|(j, response)| Single {
+        best: (j + 1, 1.0),
+        explained: 1.0,
+        ..floor.look(lab, &values(&responses, j), response.slowness)
+    });
+    let sizes = settings.sets.iter().copied().filter(|&size| size <= f.nrows().min(r.nrows()));
+    let overlaps = sizes.map(|size| Ok((size, overlapping(f.subrows(0, size), r.subrows(0, size))?.0)));
+    Ok(Outcome {
+        support_vectors: model.members.ncols(),
+        features: (0..f.nrows().min(SINGLE)).map(single).collect::<Result<_, _>>()?,
+        theory: theory.collect(),
+        overlaps: overlaps.collect::<Result<_, ExperimentError>>()?,
+    })
+}
+
+fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
+    let scope = bench.scope;
+    let (pairs, vectors) = scope.pick(TRAINING);
+    let (vectors, places) = (scope.vectors_or(vectors), scope.pick(PLACES));
+    bench.plan(scope.seeds.clone().count());
+    let mut outcomes: Vec<Outcome> = Vec::new();
+    for seed in scope.seeds.clone() {
+        let lab = Lab::two_rooms(seed, &[])?;
+        let training = Training::new(&lab, pairs, vectors, CANDIDATES);
+        let settings = Settings { training, places, sets: SETS, candidates: CANDIDATES };
+        outcomes.push(bench.result(&format!("seed {seed}"), &settings, || compute(&lab, &settings, bench))?);
+    }
+    let Some(one) = outcomes.first() else { return Ok(Results::default()) };
+    let seed = *scope.seeds.start();
+    let lab = Lab::two_rooms(seed, &[])?;
+    Ok(Results {
+        tables: vec![claims(&outcomes), features(&lab, one, seed), theory(&lab, one), overlaps(&outcomes)],
+        notes: vec![
+            format!(
+                "Maps: {} × {} places, mean of {HEADINGS} headings, a camera without noise; {} support vectors (thesis: {VECTORS}), \
+                 {pairs} pairs of frames at random poses (thesis: {TRANSITIONS}); derivatives of moves weigh {} times those of turns.",
+                places.width, places.height, one.support_vectors, lab.scenario.slow.move_weight
+            ),
+            format!(
+                "Share: of the map's mean square; from {OF_ROOM} on a map is of one room. Wave: φ(i j) has i half waves along x and j along \
+                 y over that room alone. A map tells the rooms apart if its means in them have different signs and are {APART} of \
+                 its root mean square or more."
+            ),
+            format!(
+                "Optimal responses of this floor plan: eigenfunctions of its Laplacian with reflecting walls, by finite differences \
+                 on cells of {} m, times functions of the heading.",
+                super::CELL
+            ),
+        ],
+        plots: plots(&lab, one, places)?,
+    })
+}
+
+/// What the thesis says of its first six filters, counted.
+fn claims(outcomes: &[Outcome]) -> Table {
+    let columns = ["thesis: claim", "thesis: of six", "features here", "optimal responses here"];
+    let mut table = Table::new("What the thesis says of its first six filters, and how many of ours are so", &columns);
+    type Holds = fn(&Single) -> bool;
+    let rows: [(&str, usize, Holds); 4] = [
+        ("positive in one room, negative in the other (filter 1)", 1, Single::tells_rooms_apart),
+        ("like φ(1 0) in one room, near zero in the other (filters 2, 6)", 2, |single| single.is_wave([1, 0])),
+        ("like φ(0 1) in one room, near zero in the other (filters 3, 5)", 2, |single| single.is_wave([0, 1])),
+        ("in both rooms (filters 1, 4)", 2, |single| !single.is_of_one_room()),
+    ];
+    for (claim, theirs, holds) in rows {
+        let count = |of: fn(&Outcome) -> &Vec<Single>| {
+            let counts =
+                outcomes.iter().map(|outcome| of(outcome).iter().filter(|single| holds(single)).count() as f64);
+            Band::of(&counts.collect::<Vec<_>>())
+        };
+        let ours = count(|outcome| &outcome.features);
+        let mean = ours.map_or(0.0, |band| band.mean);
+        let says = if (mean - theirs as f64).abs() < 0.5 {
+            "agrees".to_owned()
+        } else {
+            format!("differs: {}", if mean < theirs as f64 { "fewer" } else { "more" })
+        };
+        let cells = vec![
+            Cell::text(claim),
+            Cell::count(theirs),
+            Cell::band(ours, 0),
+            Cell::band(count(|outcome| &outcome.theory), 0),
+        ];
+        table.push(cells, says);
+    }
+    table
+}
+
+/// Columns that say where a function lives.
+fn lives(lab: &Lab, single: &Single) -> Vec<Cell> {
+    let (room, [x, y], correlation) = single.wave;
+    let [temple, court] = single.means;
+    vec![
+        Cell::Number(temple, 2),
+        Cell::Number(court, 2),
+        Cell::Number(single.shares[0], 2),
+        Cell::Number(single.shares[1], 2),
+        Cell::Number(single.shares[2], 2),
+        Cell::text(format!("{}: φ({x} {y})", rooms(lab)[room].name)),
+        Cell::Number(correlation, 2),
+    ]
+}
+
+fn lives_columns(lab: &Lab) -> Vec<String> {
+    let [one, other, between] = rooms(lab).map(|room| &room.name);
+    vec![
+        format!("mean, {one}"),
+        format!("mean, {other}"),
+        format!("share, {one}"),
+        format!("share, {other}"),
+        format!("share, {between}"),
+        "wave in its room".into(),
+        "correlation there".into(),
+    ]
+}
+
+fn features(lab: &Lab, outcome: &Outcome, seed: u64) -> Table {
+    let mut columns: Vec<String> = ["feature", "slowness, 1/s²", "by place alone"].map(Into::into).into();
+    columns.extend(lives_columns(lab));
+    columns.extend(["most like response", "correlation", "explained by 30", "thesis: its filter"].map(Into::into));
+    let names: Vec<&str> = columns.iter().map(String::as_str).collect();
+    let mut table = Table::new(format!("The first features, seed {seed}"), &names);
+    for (i, single) in outcome.features.iter().enumerate() {
+        let (thesis, agrees) = match i {
+            0 => ("tells the rooms apart", single.tells_rooms_apart()),
+            1 | 5 => ("φ(1 0) in one room", single.is_wave([1, 0])),
+            2 | 4 => ("φ(0 1) in one room", single.is_wave([0, 1])),
+            _ => ("in the centre of both rooms", !single.is_of_one_room() && !single.tells_rooms_apart()),
+        };
+        let mut cells = vec![Cell::count(i + 1), Cell::Number(single.slowness, 4), Cell::Number(single.by_place, 2)];
+        cells.extend(lives(lab, single));
+        cells.extend([
+            Cell::count(single.best.0),
+            Cell::Number(single.best.1, 2),
+            Cell::Number(single.explained, 2),
+            Cell::text(thesis),
+        ]);
+        let says = match (agrees, single.tells_rooms_apart(), single.is_of_one_room()) {
+            (true, ..) => "agrees".to_owned(),
+            (_, true, _) => "differs: tells the rooms apart".to_owned(),
+            (_, _, true) => format!("differs: of one room, {}", wave(lab, single)),
+            _ => "differs: in both rooms".to_owned(),
+        };
+        table.push(cells, says);
+    }
+    table
+}
+
+fn wave(lab: &Lab, single: &Single) -> String {
+    let (room, [x, y], correlation) = single.wave;
+    let name = &rooms(lab)[room].name;
+    if correlation >= LIKE { format!("φ({x} {y}) of the {name}") } else { format!("no wave of the {name}") }
+}
+
+fn theory(lab: &Lab, outcome: &Outcome) -> Table {
+    let mut columns: Vec<String> = ["number", "slowness, 1/s²"].map(Into::into).into();
+    columns.extend(lives_columns(lab));
+    let names: Vec<&str> = columns.iter().map(String::as_str).collect();
+    let mut table =
+        Table::new("The slowest optimal responses of the floor plan that depend on the place alone", &names);
+    for single in &outcome.theory {
+        let mut cells = vec![Cell::count(single.best.0), Cell::Number(single.slowness, 4)];
+        cells.extend(lives(lab, single));
+        table.push(cells, "not known to the thesis");
+    }
+    table
+}
+
+fn overlaps(outcomes: &[Outcome]) -> Table {
+    let mut table = Table::new(
+        "The span of the first features and that of as many optimal responses (overlap: mean cos²)",
+        &["features and responses", "overlap"],
+    );
+    for size in SETS {
+        let of = outcomes.iter().flat_map(|outcome| &outcome.overlaps).filter(|(found, _)| *found == size);
+        let values: Vec<f64> = of.map(|(_, overlap)| *overlap).collect();
+        if !values.is_empty() {
+            table.push(vec![Cell::count(size), Cell::band(Band::of(&values), 3)], "not in the thesis");
+        }
+    }
+    table
+}
+
+fn plots(lab: &Lab, outcome: &Outcome, grid: Grid) -> Result<Vec<(String, String)>, ExperimentError> {
+    let (low, high) = lab.world.plan.reachable_box();
+    let floor = Floor::new(lab, grid);
+    let map = |name: String, single: &Single| {
+        let mut values = vec![None; floor.grid.places()];
+        for (&place, &value) in floor.inside.iter().zip(&single.map) {
+            values[place] = Some(f64::from(value) * STEP);
+        }
+        Map { name, values }
+    };
+    // Two lines of three for each, so that the long rooms are large enough to be read.
+    let lines = |title: &str, of: &[Single]| -> Vec<Vec<Map>> {
+        let maps = of.iter().enumerate().map(|(i, single)| map(format!("{title} {}", i + 1), single));
+        let mut maps: Vec<Map> = maps.collect();
+        let rest = maps.split_off(maps.len().min(SINGLE / 2));
+        [maps, rest].into_iter().filter(|line| !line.is_empty()).collect()
+    };
+    let mut all = lines("feature", &outcome.features);
+    all.extend(lines("optimal of the place,", &outcome.theory));
+    let aspect = (high.y - low.y) / (high.x - low.x);
+    let title = "Mean response of headings: features, and optimal responses";
+    Ok(vec![("maps.svg".into(), sheet(title, grid, aspect, &all)?)])
+}
