@@ -4,9 +4,10 @@ use std::collections::BTreeMap;
 
 use super::{Features, Found, Iteration, MORE, Policy, REGIME, ROUNDED, WORKS};
 use crate::experiment::lab::Lab;
-use crate::experiment::plot::{Line, Scale, chart};
+use crate::experiment::plot::{Line, chart};
 use crate::experiment::quality::Quality;
 use crate::experiment::{Band, Cell, ExperimentError, Table};
+use crate::report::draw::Axis;
 
 fn band(policies: &[&Policy], of: impl Fn(&Policy) -> Option<f64>) -> Option<Band> {
     Band::of(&policies.iter().filter_map(|policy| of(policy)).collect::<Vec<_>>())
@@ -163,7 +164,7 @@ pub fn plots(found: &Found) -> Result<Vec<(String, String)>, ExperimentError> {
                 lines.push(if iteration == Iteration::Thesis { line.dashed() } else { line });
             }
         }
-        let (x, y) = (Scale::new("features d").log(), Scale::new(axis).within(0.0, 1.0));
+        let (x, y) = (Axis::log("features d"), Axis::new(axis).within(0.0, 1.0));
         plots.push((file.into(), chart(title, (&x, &y), &lines)?));
     }
     Ok(plots)
