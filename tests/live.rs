@@ -211,6 +211,30 @@ fn requests_are_checked_and_say_what_is_wrong() {
 }
 
 #[test]
+fn a_goal_that_is_moved_by_hand_is_moved_again_by_a_replay() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = Served::start(folder.path(), "run", &["--serve", "--actions", "600", "--set", "agent.speed=100"]);
+    run.wait_for("model", |now| now["epoch"].as_u64() > Some(0));
+    run.post("/pause", &json!({}));
+    run.wait_for("pause", |now| now["phase"] == "paused");
+    assert_eq!(run.post("/goal", &json!({"task": "centre", "x": 2.0, "y": 0.8})).0, 200);
+    let waits = json!([{"task": 0, "x": 2.0, "y": 0.8}]);
+    run.wait_for("move that waits", |now| now["moves"] == waits && now["tasks"][0]["goal"] == json!([1.5, 0.9]));
+    run.post("/resume", &json!({}));
+    run.wait_for("goal at its place", |now| now["moves"] == json!([]) && now["tasks"][0]["goal"] == json!([2.0, 0.8]));
+    let place = run.folder.clone();
+    assert_eq!(run.end(), Some(0));
+    let place = place.to_str().unwrap();
+    let verified = adagio(folder.path(), &["replay", place, "--verify", "--quiet"]);
+    assert!(verified.status.success(), "{}{}", stdout(&verified), stderr(&verified));
+    // What was learned knows for which goals: it is tried out with them, as in the run's own report.
+    let own = report(Path::new(place))["tasks"].clone();
+    let output = adagio(folder.path(), &["evaluate", place, "--starts", "20", "--seed", "1", "--json"]);
+    let again: Value = serde_json::from_str(&stdout(&output)).unwrap();
+    assert_eq!(again["tasks"], own);
+}
+
+#[test]
 fn a_page_for_other_machines_needs_its_token() {
     let folder = tempfile::tempdir().unwrap();
     let arguments = ["--serve", "0.0.0.0:0", "--actions", "50000", "--set", "agent.speed=60"];
