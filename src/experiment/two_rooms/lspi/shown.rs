@@ -13,9 +13,9 @@ fn band(policies: &[&Policy], of: impl Fn(&Policy) -> Option<f64>) -> Option<Ban
     Band::of(&policies.iter().filter_map(|policy| of(policy)).collect::<Vec<_>>())
 }
 
-/// Steps more than the reference policy, of the mean over policies.
+/// Steps more than the optimum, as the mean over policies: log_γ of the convergence quality.
 fn more(policies: &[&Policy], gamma: f64) -> Option<f64> {
-    let mean = band(policies, |policy| Some(policy.all.to_reference)).map_or(0.0, |band| band.mean);
+    let mean = band(policies, |policy| Some(policy.all.quality)).map_or(0.0, |band| band.mean);
     (mean > 0.0).then(|| mean.ln() / gamma.ln())
 }
 
@@ -30,8 +30,8 @@ pub fn best(found: &Found, gamma: f64) -> Table {
         "success within",
         "success across",
         "quality",
-        "more than the reference",
-        "thesis: more than the reference",
+        "more than the optimum",
+        "thesis: more than its reference",
     ];
     let mut table =
         Table::new("What each kind of features reaches, both goals, at its best number of features", &columns);
@@ -106,7 +106,7 @@ pub fn table(found: &Found, lab: &Lab) -> Table {
         "steps across",
         "extra across",
         "quality",
-        "more than the reference",
+        "more than the optimum",
     ];
     let mut table = Table::new("All policies", &columns);
     let gamma = lab.scenario.value.gamma;
