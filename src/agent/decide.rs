@@ -61,8 +61,8 @@ struct Helm {
     clock: Clock,
     /// Answers that have come in.
     answered: u64,
-    /// The newest model, until it is passed on.
-    to_assess: Option<(Arc<Learned>, u64)>,
+    /// Models until they are passed on.
+    to_assess: Vec<(Arc<Learned>, u64)>,
     /// When the state of the run was last put away.
     kept: Instant,
 }
@@ -70,7 +70,7 @@ struct Helm {
 impl Deciding<'_> {
     /// Decide until the last action, then wait for the last model.
     pub fn run(&self, acting: Acting, actions: Outbox<Item<Action>>) -> Result<Acted, RunError> {
-        let (clock, answered, to_assess, kept) = (Clock::new(), 0, None, Instant::now());
+        let (clock, answered, to_assess, kept) = (Clock::new(), 0, Vec::new(), Instant::now());
         let mut helm = Helm { acting, clock, answered, to_assess, kept };
         let realtime = self.scenario.agent.mode == Mode::Realtime;
         let mut last_frame = 0;
@@ -210,7 +210,10 @@ impl Deciding<'_> {
                 let slowness = &learned.model.slowness;
                 let mean = slowness.iter().sum::<f64>() / slowness.len() as f64;
                 self.status.update(|s| (s.epoch, s.slowness_mean) = (learned.epoch, Some(mean)));
-                helm.to_assess = Some((learned.clone(), stamp_ns));
+                if self.scenario.agent.mode == Mode::Realtime {
+                    helm.to_assess.clear();
+                }
+                helm.to_assess.push((learned.clone(), stamp_ns));
             }
             Err(reason) => {
                 let text = format!("no model from the frames up to {}: {reason}", update.asked_at);
@@ -223,9 +226,9 @@ impl Deciding<'_> {
 }
 
 impl Helm {
-    /// Pass on the newest model; waits for room.
+    /// Pass on the models that wait; waits for room.
     fn pass_on(&mut self, assess: &Outbox<(Arc<Learned>, u64)>) {
-        if let Some(model) = self.to_assess.take() {
+        for model in self.to_assess.drain(..) {
             // An assess actor that is gone has failed, and that is reported.
             let _ = assess.put(model);
         }
