@@ -104,7 +104,7 @@ fn percept(parts: &mut Parts, percept: &mut Option<Percept>) -> Result<(), Parts
     let mut pixels = of.map_or(Vec::new(), |p| p.observation.pixels.clone());
     let mut sonar = of.map_or(Vec::new(), |p| p.sonar.clone());
     let mut action = of.and_then(|p| p.action).map(Action::index);
-    let mut came_to = of.map(|p| CameTo::of(p));
+    let mut came_to = of.map(CameTo::of);
     parts.value("frame", &mut frame)?;
     parts.value("stamp_ns", &mut stamp_ns)?;
     parts.numbers("pixels", &mut pixels)?;

@@ -85,4 +85,4 @@ pub use smoothing::Smoothing;
 pub use soft::maximiser_probabilities;
 pub use stream_q::{StreamQ, StreamQOptions};
 pub use traces::LstdLambda;
-pub use window::{Transition, Window, balance};
+pub use window::{InWindow, Transition, Window, balance};

@@ -26,6 +26,9 @@ pub struct Transition<S, R> {
 /// A transition with its arrival number.
 type Arrived<S, R> = (u64, Transition<S, R>);
 
+/// A transition of a window with its arrival number.
+pub type InWindow<'a, S, R> = (u64, &'a Transition<S, R>);
+
 /// A bounded window over a stream of transitions.
 ///
 /// An agent that acts greedily sees its own paths over and over. Policy iteration from such data alone can swing for ever
@@ -82,8 +85,8 @@ impl<S: Clone, R: Clone> Window<S, R> {
 
     /// All transitions with their arrival numbers, in this order, and the number that the next one will get: what
     /// [`Window::restored`] needs to make an equal window.
-    pub fn arrivals(&self) -> (Vec<(u64, &Transition<S, R>)>, u64) {
-        let mut entries: Vec<(u64, &Transition<S, R>)> =
+    pub fn arrivals(&self) -> (Vec<InWindow<'_, S, R>>, u64) {
+        let mut entries: Vec<InWindow<'_, S, R>> =
             self.groups.values().flatten().map(|(number, transition)| (*number, transition)).collect();
         entries.sort_by_key(|entry| entry.0);
         (entries, self.arrivals)
