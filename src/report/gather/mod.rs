@@ -111,7 +111,7 @@ pub struct Gathered {
     pub warnings: u64,
     /// The first of them.
     pub said: Vec<(f64, String)>,
-    /// Goals that were moved: frame, task, new centre; at most [`SHOWN`].
+    /// Goals that were moved: frame, task, new centre; the first 60.
     pub moved: Vec<GoalMoved>,
     /// The newest centre of each goal area that was moved, by task.
     pub goals: BTreeMap<String, [f64; 2]>,
