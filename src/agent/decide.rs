@@ -61,7 +61,7 @@ struct Helm {
     clock: Clock,
     /// Answers that have come in.
     answered: u64,
-    /// Models until they are passed on.
+    /// Models until they are passed on; of a robot's, which waits for no trials, only the newest.
     to_assess: Vec<(Arc<Learned>, u64)>,
     /// When the state of the run was last put away.
     kept: Instant,

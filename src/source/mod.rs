@@ -34,7 +34,7 @@ pub struct Frame {
     pub action: Option<Action>,
     /// Set on the last frame of an action, and on frames before which there was none.
     pub boundary: Option<Boundary>,
-    /// Goals that somebody moved before this frame.
+    /// Goals that somebody moved before this frame; only the last frame of an action has any, since goals move between actions.
     pub moved: Vec<GoalMove>,
 }
 
