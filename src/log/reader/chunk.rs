@@ -27,8 +27,9 @@ pub(super) fn could_start(bytes: &[u8], left: u64) -> bool {
         let name_at = HEAD + 8 + 8 + 8 + 4;
         let name = u32::from_le_bytes(bytes.get(name_at..name_at + 4)?.try_into().ok()?) as usize;
         let compressed = (name <= LONGEST_NAME).then(|| number(name_at + 4 + name)).flatten()?;
-        let whole = HEAD as u64 + length <= left && length <= MAX_RECORD_BYTES;
-        Some(whole && HEADER + name as u64 + compressed == length)
+        let whole = length <= MAX_RECORD_BYTES && HEAD as u64 + length <= left;
+        // Any bytes may stand where the size is looked for.
+        Some(whole && (HEADER + name as u64).checked_add(compressed)? == length)
     };
     bytes.first() == Some(&op::CHUNK) && fits() == Some(true)
 }
