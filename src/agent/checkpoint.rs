@@ -1,12 +1,15 @@
 //! What was learned, as a safetensors file: written aside, synced, renamed.
 //!
-//! Tensors: `members` (m × d, f32), `projection` (k × m), `offset` (k), `slowness` (k), `weights.N` (3 × (k + 1)) for each task
-//! N, all f64 and row by row. The metadata has the complete scenario, so the file alone is enough to evaluate.
+//! Tensors: `members` (m × d, f32), `projection` (k × m), `offset` (k), `slowness` (k), `weights.T` (3 × (k + 1)) for each task
+//! T, all f64 and row by row. Local values have `instances` (N × p, f32), the points where actions were tried, in place of features,
+//! and `weights.T` (1 × N) says what each is worth. The metadata has the complete scenario, so the file alone is enough to
+//! evaluate.
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use faer::{Mat, MatRef};
 use safetensors::tensor::{Dtype, SafeTensorError, SafeTensors, TensorView, View};
@@ -20,6 +23,7 @@ use crate::parts::{Matrix, Parts, Values};
 use crate::policy::Learned;
 use crate::scenario::{Scenario, ScenarioError, hex};
 use crate::slow::SlowModel;
+use crate::value::{Instances, LocalOptions};
 
 /// Name of the newest checkpoint in a run folder, and of the attachment in a log.
 pub const CHECKPOINT_NAME: &str = "checkpoint.safetensors";
@@ -69,6 +73,13 @@ pub fn checkpoint_bytes(learned: &Learned, scenario: &Scenario) -> Result<Vec<u8
     for (task, weights) in learned.weights.iter().enumerate() {
         tensors.push(matrix(&format!("weights.{task}"), weights.as_ref()));
     }
+    let mut counts: &[usize] = &[];
+    if let Some(instances) = &learned.instances {
+        counts = instances.counts();
+        let bytes = instances.points().col_iter().flat_map(|point| point.iter().copied().collect::<Vec<f32>>());
+        let shape = vec![instances.len(), instances.points().nrows()];
+        tensors.push(("instances".into(), Dtype::F32, shape, bytes.flat_map(f32::to_le_bytes).collect()));
+    }
     let entries = BTreeMap::from([
         ("scenario".to_owned(), scenario.text.clone()),
         ("epoch".to_owned(), learned.epoch.to_string()),
@@ -79,6 +90,7 @@ pub fn checkpoint_bytes(learned: &Learned, scenario: &Scenario) -> Result<Vec<u8
         ("scenario_sha256".to_owned(), scenario.sha256()),
         ("digest".to_owned(), learned.digest()),
         ("goals".to_owned(), serde_json::to_string(&learned.goals).map_err(damaged)?),
+        ("instances".to_owned(), serde_json::to_string(counts).map_err(damaged)?),
     ]);
     // One entry: the format keeps several in no fixed order, and equal runs write equal bytes.
     let metadata = HashMap::from([(METADATA.to_owned(), serde_json::to_string(&entries).map_err(damaged)?)]);
@@ -154,10 +166,21 @@ pub fn read_checkpoint(bytes: &[u8], path: &Path) -> Result<(Learned, Scenario),
     let (members, projection) = (read_matrix("members")?, read_matrix("projection")?);
     let (offset, slowness) = (read("offset")?.1, read("slowness")?.1);
     let k = offset.len();
+    // Values are linear in the checkpoints of earlier versions.
+    let counts = metadata.get("instances").map(|text| serde_json::from_str::<Vec<usize>>(text));
+    let counts = counts.transpose().map_err(|e| damaged(format!("instances: {e}")))?.unwrap_or_default();
+    let instances = if counts.is_empty() {
+        None
+    } else {
+        let points = read_matrix("instances")?;
+        let points = Mat::from_fn(points.nrows(), points.ncols(), |i, j| points[(i, j)] as f32);
+        let options = LocalOptions { neighbours: scenario.value.neighbours, ridge: scenario.value.local_ridge };
+        Some(Arc::new(Instances::new(points, counts, options).map_err(damaged)?))
+    };
     let mut weights = Vec::new();
     for task in 0..scenario.tasks.len() {
         let of_task = read_matrix(&format!("weights.{task}"))?;
-        if of_task.nrows() != k + 1 || of_task.ncols() != 3 {
+        if instances.is_none() && (of_task.nrows() != k + 1 || of_task.ncols() != 3) {
             return Err(damaged(format!("weights.{task} has a shape that does not fit {k} features")));
         }
         weights.push(of_task);
@@ -177,7 +200,11 @@ pub fn read_checkpoint(bytes: &[u8], path: &Path) -> Result<(Learned, Scenario),
     if !goals.is_empty() && goals.len() != scenario.tasks.len() {
         return Err(damaged(format!("it has {} goals for {} tasks", goals.len(), scenario.tasks.len())));
     }
-    let learned = Learned::new(epoch, asked_at, frames, model, weights).map_err(damaged)?.for_goals(goals);
+    let learned = match instances {
+        None => Learned::new(epoch, asked_at, frames, model, weights),
+        Some(instances) => Learned::local(epoch, asked_at, frames, model, instances, weights),
+    };
+    let learned = learned.map_err(damaged)?.for_goals(goals);
     if learned.digest() != *entry("digest")? {
         return Err(damaged("its digest is not that of its content"));
     }

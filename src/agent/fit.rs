@@ -11,17 +11,20 @@ use rayon::prelude::*;
 
 use super::messages::{FitRequest, Lived, Update};
 use crate::parts::{Parts, PartsError, Persist};
-use crate::policy::{Learned, Recent, Reflexes, columns};
-use crate::scenario::{Scenario, Task};
+use crate::policy::{Learned, Recent, Reflexes, columns, points};
+use crate::scenario::{Method, Scenario, Task};
 use crate::slow::{SlowError, SlowModel};
-use crate::value::{Fit, Lspi, LspiOptions, Outcomes, Samples, ValueError, balance, greedy};
+use crate::value::{
+    Fit, Instances, Local, LocalOptions, LocalOutcomes, Lspi, LspiOptions, Outcomes, Samples, ValueError, balance,
+    greedy,
+};
 use crate::vision::Observation;
 use crate::world::Action;
 
 /// Observations that are projected in one product: their products and kernel values take `12 · 512 · m` bytes.
 const PROJECT_AT_ONCE: usize = 512;
 
-/// Least-squares policy iteration over the window.
+/// Values of all tasks from the window.
 pub struct FitPolicies {
     scenario: Arc<Scenario>,
     reflexes: Reflexes,
@@ -40,9 +43,19 @@ impl FitPolicies {
         let transitions = request.window.len();
         let fitted = request.model.and_then(|model| {
             let projected = Projection::new(&model, &request.window, self.par).map_err(|error| error.to_string())?;
-            let fits = self.fit(&projected, &request.window).map_err(|error| error.to_string())?;
-            let weights = fits.iter().map(|fit| fit.weights.clone()).collect();
-            let learned = Learned::new(self.epoch + 1, request.asked_at, request.frames, model, weights);
+            let (epoch, asked_at, frames) = (self.epoch + 1, request.asked_at, request.frames);
+            let weights_of = |fits: &[Fit]| fits.iter().map(|fit| fit.weights.clone()).collect();
+            let (learned, fits) = match self.scenario.value.method {
+                Method::Lspi => {
+                    let fits = self.fit(&projected, &request.window).map_err(|error| error.to_string())?;
+                    (Learned::new(epoch, asked_at, frames, model, weights_of(&fits)), fits)
+                }
+                Method::Local => {
+                    let found = self.fit_locally(&model, &projected, &request.window);
+                    let (instances, fits) = found.map_err(|error| error.to_string())?;
+                    (Learned::local(epoch, asked_at, frames, model, instances, weights_of(&fits)), fits)
+                }
+            };
             let learned = learned.map_err(|error| error.to_string())?.for_goals(request.goals);
             Ok((Arc::new(learned), fits))
         });
@@ -56,6 +69,36 @@ impl FitPolicies {
         Update { asked_at: request.asked_at, learned, fits, transitions }
     }
 
+    /// Local values: where actions were tried, those of the first action first, and what each transition is worth.
+    fn fit_locally(
+        &self,
+        model: &SlowModel<f32>,
+        projected: &Projection,
+        window: &[Lived],
+    ) -> Result<(Arc<Instances>, Vec<Fit>), ValueError> {
+        let settings = &self.scenario.value;
+        let mut sorted: Vec<&Lived> = window.iter().collect();
+        sorted.sort_by_key(|t| t.action);
+        let counts = Action::ALL.iter().map(|a| sorted.iter().filter(|t| t.action == a.index()).count()).collect();
+        let points = points(model, projected.phi.as_ref(), settings.metric_features);
+        let at = |place: &dyn Fn(&Lived) -> u64| {
+            let places: Vec<usize> = sorted.iter().map(|t| projected.place[&place(t)]).collect();
+            Mat::from_fn(points.nrows(), places.len(), |i, j| points[(i, places[j])])
+        };
+        let options = LocalOptions { neighbours: settings.neighbours, ridge: settings.local_ridge };
+        let instances = Arc::new(Instances::new(at(&|t| t.from.frame), counts, options)?);
+        let local = Local::new(&instances, at(&|t| t.to.frame).as_ref())?;
+        let allowed: Vec<u32> = sorted.iter().map(|t| self.allowed_after(t)).collect();
+        let fit = |(number, task): (usize, &Task)| {
+            let rewards: Vec<f64> = sorted.iter().map(|t| t.result.rewards[number]).collect();
+            let ended: Vec<bool> = sorted.iter().map(|t| task.absorbing && t.result.in_goal[number]).collect();
+            local.fit(&LocalOutcomes { rewards: &rewards, allowed: &allowed, ended: &ended }, settings.gamma)
+        };
+        let fits: Result<Vec<Fit>, ValueError> = self.scenario.tasks.iter().enumerate().map(fit).collect();
+        fits.map(|fits| (instances.clone(), fits))
+    }
+
+    /// Linear values, by least-squares policy iteration.
     fn fit(&self, projected: &Projection, window: &[Lived]) -> Result<Vec<Fit>, ValueError> {
         let settings = &self.scenario.value;
         let from: Vec<usize> = window.iter().map(|t| projected.place[&t.from.frame]).collect();

@@ -11,7 +11,7 @@ use super::run::{RunError, RunOptions, run};
 use super::status::Status;
 use crate::log::Nowhere;
 use crate::log::{LogError, LogOptions, Rotation, RunLog};
-use crate::scenario::{Mode, Scenario, WhenBehind};
+use crate::scenario::{Method, Mode, Scenario, WhenBehind};
 use crate::source::Simulated;
 use crate::world::{Action, World};
 
@@ -76,11 +76,25 @@ impl LogForecast {
         let (d, k) = (3 * scenario.vision.width * scenario.vision.height, scenario.slow.features + 1);
         let m =
             (frames * outcome.support_vectors as f64 / outcome.frames as f64).min(scenario.dictionary.budget as f64);
-        let numbers = k * (1 + Action::ALL.len() * scenario.tasks.len());
+        // What transitions are worth is not in the messages.
+        let of_policies = match scenario.value.method {
+            Method::Lspi => Action::ALL.len() * scenario.tasks.len(),
+            Method::Local => 0,
+        };
+        let numbers = k * (1 + of_policies);
         let model = (size_of::<f64>() * numbers) as f64 / scenario.agent.resolve_frames as f64;
         let health = speed.map_or(0.0, |speed| HEALTH_BYTES * scenario.robot.frame_seconds() / speed);
         let per_frame = measured + model + health;
-        let learned = m * (size_of::<f32>() * d) as f64 + m * m.min(k as f64) * size_of::<f64>() as f64;
+        let of_values = match scenario.value.method {
+            Method::Lspi => 0,
+            Method::Local => {
+                let coordinates = size_of::<f32>() * scenario.value.metric_features.min(k - 1);
+                let transitions = scenario.value.window.min(scenario.actions);
+                transitions * (coordinates + size_of::<f64>() * scenario.tasks.len())
+            }
+        };
+        let learned =
+            m * (size_of::<f32>() * d) as f64 + m * m.min(k as f64) * size_of::<f64>() as f64 + of_values as f64;
         let of_messages = frames * per_frame;
         let files = 1.0 + (of_messages / rotation.file_bytes as f64).floor();
         let hours = frames * scenario.robot.frame_seconds() / 3600.0;

@@ -19,7 +19,7 @@ use crate::kernel::Kernel;
 use crate::parts::{Parts, PartsError, Persist};
 use crate::policy::Learned;
 use crate::slow::{Link, SlowModel};
-use crate::value::{Fit, Transition, Window};
+use crate::value::{Fit, Instances, LocalOptions, Transition, Window};
 use crate::vision::Observation;
 use crate::world::Action;
 
@@ -179,13 +179,36 @@ fn learned(parts: &mut Parts, name: &str, learned: &mut Option<Arc<Learned>>) ->
                 weights.push(of_task);
             }
         }
+        let mut instances = of.and_then(|of| of.instances.clone());
+        places(parts, &mut instances)?;
         if let Some(model) = model.filter(|_| parts.is_restoring()) {
-            let restored = Learned::new(epoch, asked_at, frames, model, weights);
+            let restored = match instances {
+                None => Learned::new(epoch, asked_at, frames, model, weights),
+                Some(instances) => Learned::local(epoch, asked_at, frames, model, instances, weights),
+            };
             *learned = Some(Arc::new(
                 restored
                     .map_err(|cause| wrong("learned", cause))?
                     .for_goals(goals.into_iter().map(|goal| goal.map(f64::from_bits)).collect()),
             ));
+        }
+        Ok(())
+    })
+}
+
+/// Where actions were tried, of local values.
+fn places(parts: &mut Parts, instances: &mut Option<Arc<Instances>>) -> Result<(), PartsError> {
+    parts.scope("instances", |parts| {
+        let of = instances.as_ref();
+        let mut there = of.map(|of| (of.counts().to_vec(), of.options().neighbours, of.options().ridge.to_bits()));
+        parts.value("there", &mut there)?;
+        let Some((counts, neighbours, ridge)) = there else { return Ok(()) };
+        let mut points = of.map_or(Mat::new(), |of| of.points().to_owned());
+        parts.matrix("points", &mut points, |rows, columns| (rows, columns))?;
+        if parts.is_restoring() {
+            let options = LocalOptions { neighbours, ridge: f64::from_bits(ridge) };
+            *instances =
+                Some(Arc::new(Instances::new(points, counts, options).map_err(|cause| wrong("instances", cause))?));
         }
         Ok(())
     })

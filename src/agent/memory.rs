@@ -2,7 +2,7 @@
 
 use super::perceive::stream_options;
 use crate::dictionary::WhenFull;
-use crate::scenario::{Scenario, SelectionRule};
+use crate::scenario::{Method as Values, Scenario, SelectionRule};
 use crate::slow::{Method, SlowStream, solve_bytes};
 
 /// Bytes of everything that grows with the settings of a run, at its full size.
@@ -18,7 +18,8 @@ use crate::slow::{Method, SlowStream, solve_bytes};
 /// | requests: copies of dictionary and moments, with the solver, in its queue, and one that is made | `3(24m² + 4md)` |
 /// | solver | [`solve_bytes`]: about `8m² + 48mk` |
 /// | models: in use, in trials, on their way (`w` of them wait for their frame) | `(6 + w) m(5d + 8k + 24·tasks)` |
-/// | values: the window, its features, policy iteration of `t` tasks side by side | `N(2d + (48 + 8t)(k + 1)) + (24 + 384t)(k + 1)²` |
+/// | linear values: the window, its features, policy iteration of `t` tasks side by side | `N(2d + (48 + 8t)(k + 1)) + (24 + 384t)(k + 1)²` |
+/// | local values: the window, its features, and of `n` neighbours and `p` coordinates the points and who is near | `N(2d + 8(k + 1) + 24p + 48n + 72 + 16·tasks)`, and `(6 + w) N(4p + 8·tasks)` for models |
 /// | images in the queue | `3 · width · height` each |
 ///
 /// Beside it stand the program and what the allocator keeps. Where the solver's iteration cannot find the features, its
@@ -51,6 +52,14 @@ impl Memory {
         let waiting = s.agent.queue.min(s.agent.latency_frames / s.agent.resolve_frames) as u64;
         let image = 3 * s.camera.width as u64 * s.camera.height as u64;
         let [m, d, k, n] = [m, d, features + 1, s.value.window.min(s.actions)].map(|size| size as u64);
+        let [p, neighbours] = [s.value.metric_features.min(features), s.value.neighbours].map(|size| size as u64);
+        let values = match s.value.method {
+            Values::Lspi => n * (2 * d + (48 + 8 * side_by_side) * k) + (24 + 384 * side_by_side) * k * k,
+            Values::Local => {
+                let of_models = (6 + waiting) * n * (4 * p + 8 * tasks);
+                n * (2 * d + 8 * k + 24 * p + 48 * neighbours + 72 + 16 * tasks) + of_models
+            }
+        };
         let parts = [
             ("stream", of_stream),
             ("thinning", if exceeds { 48 * m * m } else { 0 }),
@@ -58,7 +67,7 @@ impl Memory {
             ("requests", 3 * (24 * m * m + 4 * m * d)),
             ("solver", of_solver),
             ("models", (6 + waiting) * m * (5 * d + 8 * k + 24 * tasks)),
-            ("values", n * (2 * d + (48 + 8 * side_by_side) * k) + (24 + 384 * side_by_side) * k * k),
+            ("values", values),
             ("images", s.agent.queue as u64 * image),
         ];
         Memory { parts: parts.into_iter().filter(|part| part.1 > 0).collect() }

@@ -3,6 +3,8 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use faer::Mat;
+
 use super::act::Decision;
 use super::messages::{Percept, SolveRequest, Update};
 use super::perceive::Growth;
@@ -259,7 +261,10 @@ impl Recorder {
             digest: learned.model_digest(),
         };
         self.write(topics::MODEL, effective_at, stamp_ns, model)?;
+        let none = Mat::new();
         for (task, (weights, fit)) in learned.weights.iter().zip(&update.fits).enumerate() {
+            // What transitions are worth is in the checkpoint: they are as many as the window holds.
+            let weights = if learned.instances.is_some() { &none } else { weights };
             let policy = msg::PolicyUpdate {
                 header: header.clone(),
                 epoch: learned.epoch,

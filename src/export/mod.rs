@@ -20,7 +20,8 @@ use serde::Serialize;
 use thiserror::Error;
 
 use self::tables::{
-    Accepted, Decisions, Evaluations, Features, Frames, Growth, Models, Policies, Slow, SupportVectors, Transitions,
+    Accepted, Decisions, Evaluations, Features, Frames, Growth, LocalValues, Models, Policies, Slow, SupportVectors,
+    Transitions,
 };
 use crate::log::messages::{Decision, DictionaryGrowth, Evaluation, ModelUpdate, Transition};
 use crate::log::{LogError, Record, topics};
@@ -328,12 +329,23 @@ impl Export<'_> {
             vectors.add(learned)?;
             let mut rates = Slow::create(&slow)?;
             rates.add(learned)?;
-            let mut weights = Policies::create(&policies, features + 1)?;
-            weights.add(learned)?;
+            let values = match &learned.instances {
+                None => {
+                    let mut weights = Policies::create(&policies, features + 1)?;
+                    weights.add(learned)?;
+                    (weights.finish()?, Policies::MEANINGS)
+                }
+                Some(instances) => {
+                    let (coordinates, tasks) = (instances.points().nrows(), learned.weights.len());
+                    let mut local = LocalValues::create(&policies, coordinates, tasks)?;
+                    local.add(learned, instances)?;
+                    (local.finish()?, LocalValues::MEANINGS)
+                }
+            };
             Ok(vec![
                 Ok((vectors.finish()?, SupportVectors::MEANINGS)),
                 Ok((rates.finish()?, Slow::MEANINGS)),
-                Ok((weights.finish()?, Policies::MEANINGS)),
+                Ok(values),
             ])
         })();
         self.pack(&["model", "slow", "policies"], tables.map_err(written)?)

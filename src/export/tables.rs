@@ -10,6 +10,7 @@ use crate::log::messages::{Decision, DictionaryGrowth, Evaluation, ModelUpdate, 
 use crate::policy::{Learned, columns};
 use crate::scenario::Scenario;
 use crate::source::{Frame, View};
+use crate::value::Instances;
 use crate::vision::{Observation, ZERO};
 
 /// Declares a table: its arrays with their types, row shapes and meanings; and how they are created and finished.
@@ -148,6 +149,15 @@ table! {
     /// One row for each task: Q(x, a) = weights[task, a] . features(x).
     Policies(features) {
         weights: f64 [3, features] = "weights of each action: 0 forward, 1 left, 2 right; that of the constant feature first",
+    }
+}
+
+table! {
+    /// One row for each transition, where values are local: worth[task] of those nearby tells Q(x, a).
+    LocalValues(coordinates, tasks) {
+        instances: f32 [coordinates] = "the state before the transition, in coordinates: slow features by the root of their slowness",
+        instance_action: u8 [] = "0 forward, 1 left, 2 right",
+        worth: f64 [tasks] = "what the transition is worth for each task",
     }
 }
 
@@ -300,5 +310,18 @@ impl Policies {
             let rows: Vec<f64> = (0..weights.ncols()).flat_map(|action| column(weights.as_ref(), action)).collect();
             self.weights.push(&rows)
         })
+    }
+}
+
+impl LocalValues {
+    pub fn add(&mut self, learned: &Learned, instances: &Instances) -> io::Result<()> {
+        let actions =
+            instances.counts().iter().enumerate().flat_map(|(action, &count)| std::iter::repeat_n(action, count));
+        for (i, (point, action)) in instances.points().col_iter().zip(actions).enumerate() {
+            self.instances.push(&point.iter().copied().collect::<Vec<f32>>())?;
+            self.instance_action.push(&[action as u8])?;
+            self.worth.push(&learned.weights.iter().map(|worth| worth[(i, 0)]).collect::<Vec<f64>>())?;
+        }
+        Ok(())
     }
 }

@@ -1,12 +1,18 @@
 //! What was learned: slow features and, for each task, the worth of each action.
 
+use std::ops::Range;
+use std::sync::Arc;
+
 use faer::{Mat, MatRef, Par};
 use sha2::{Digest, Sha256};
 
-use super::pixel_values::{PixelValues, PolicyError};
+use super::metric;
+use super::pixel_values::{PixelPoints, PixelValues, PolicyError};
 use crate::scenario::hex;
 use crate::slow::SlowModel;
+use crate::value::Instances;
 use crate::vision::Observation;
+use crate::world::Action;
 
 /// Features of one epoch, and the policies that were fitted on them.
 #[derive(Debug, Clone)]
@@ -19,12 +25,22 @@ pub struct Learned {
     pub frames: u64,
     /// Slow features.
     pub model: SlowModel<f32>,
-    /// Q-weights of each task, `f × 3`: `Q(x, a) = φ(x)ᵀ w_a`.
+    /// What the values of each task are made of. Where they are linear in the features: weights, `f × 3`,
+    /// `Q(x, a) = φ(x)ᵀ w_a`. Where they are local: what each transition is worth, `N × 1`.
     pub weights: Vec<Mat<f64>>,
+    /// Of local values: where actions were tried, in coordinates of the slowest features (`N` transitions).
+    pub instances: Option<Arc<Instances>>,
     /// Centres of the goal areas that the weights were fitted for, by task; none: those of the scenario.
     pub goals: Vec<[f64; 2]>,
     /// The same Q-values, straight from pixels.
-    values: PixelValues,
+    values: Values,
+}
+
+/// Q-values straight from pixels.
+#[derive(Debug, Clone)]
+enum Values {
+    Linear(PixelValues),
+    Local(PixelPoints),
 }
 
 /// Observations as the columns of a matrix, `d × n`, in the whole numbers that kernels are exact on.
@@ -46,7 +62,7 @@ pub fn columns<'a>(observations: impl ExactSizeIterator<Item = &'a Observation>)
 }
 
 impl Learned {
-    /// Features with the weights of each task, `f × 3`.
+    /// Features with linear values: the weights of each task, `f × 3`.
     ///
     /// # Errors
     /// Support vectors that are no observations, weights that do not fit the features or the three actions.
@@ -57,8 +73,48 @@ impl Learned {
         model: SlowModel<f32>,
         weights: Vec<Mat<f64>>,
     ) -> Result<Self, PolicyError> {
-        let values = PixelValues::new(&model, &weights)?;
-        Ok(Learned { epoch, asked_at, frames, model, weights, goals: Vec::new(), values })
+        let values = Values::Linear(PixelValues::new(&model, &weights)?);
+        Ok(Learned { epoch, asked_at, frames, model, weights, instances: None, goals: Vec::new(), values })
+    }
+
+    /// Features with local values: where actions were tried, as [`points`](super::points) of the model, and what each
+    /// transition is worth for each task, `N × 1`.
+    ///
+    /// # Errors
+    /// Support vectors that are no observations, transitions of other actions or in more coordinates than there are features,
+    /// worths of another number of transitions.
+    pub fn local(
+        epoch: u32,
+        asked_at: u64,
+        frames: u64,
+        model: SlowModel<f32>,
+        instances: Arc<Instances>,
+        worth: Vec<Mat<f64>>,
+    ) -> Result<Self, PolicyError> {
+        if instances.counts().len() != Action::ALL.len() {
+            return Err(PolicyError::Instances { actions: instances.counts().len() });
+        }
+        let found = instances.points().nrows();
+        if found > model.slowness.len() {
+            return Err(PolicyError::Coordinates { found, features: model.slowness.len() });
+        }
+        for (task, of_task) in worth.iter().enumerate() {
+            if of_task.nrows() != instances.len() || of_task.ncols() != 1 {
+                let found = of_task.nrows() * of_task.ncols();
+                return Err(PolicyError::Worth { task, found, expected: instances.len() });
+            }
+        }
+        let values = Values::Local(PixelPoints::new(&model, metric::weights(&model, found).as_ref())?);
+        Ok(Learned {
+            epoch,
+            asked_at,
+            frames,
+            model,
+            weights: worth,
+            instances: Some(instances),
+            goals: Vec::new(),
+            values,
+        })
     }
 
     /// The same, fitted for goals with these centres, by task.
@@ -85,18 +141,52 @@ impl Learned {
         self.model.apply(x, par).expect("observations and support vectors have the size that the scenario sets")
     }
 
-    /// Q-values of an observation for one task, for driving and trials alike; no memory is allocated.
+    /// Q-values of an observation for one task, for driving and trials alike. No memory is allocated where they are linear.
     ///
     /// # Panics
-    /// If the observation is not of the size that the scenario sets, see [`Learned::features`].
+    /// If the observation is not of the size that the scenario sets, see [`Learned::features`], or if there is no such task.
     pub fn q_values(&self, observation: &Observation, task: usize) -> [f64; 3] {
-        self.values.of(observation, task)
+        match &self.values {
+            Values::Linear(values) => values.of(observation, task),
+            Values::Local(points) => {
+                let point = points.of(observation);
+                let point = Mat::from_fn(point.len(), 1, |i, _| point[i] as f32);
+                let q = &self.told(point.as_ref(), task..task + 1)[0];
+                [q[(0, 0)], q[(1, 0)], q[(2, 0)]]
+            }
+        }
+    }
+
+    /// Q-values of observations for all tasks from their features: `phi: f × n` gives `3 × n` for each.
+    ///
+    /// # Panics
+    /// If these are not features of the model.
+    pub fn q_values_of(&self, phi: MatRef<'_, f64>) -> Vec<Mat<f64>> {
+        match &self.instances {
+            None => self.weights.iter().map(|weights| weights.transpose() * phi).collect(),
+            Some(instances) => {
+                let points = metric::points(&self.model, phi, instances.points().nrows());
+                self.told(points.as_ref(), 0..self.weights.len())
+            }
+        }
+    }
+
+    /// Local values of some tasks at points; zeros where a point is not finite, since nothing is near it.
+    fn told(&self, points: MatRef<'_, f32>, tasks: Range<usize>) -> Vec<Mat<f64>> {
+        // The column of a matrix of our own lies in one piece.
+        let worths: Vec<&[f64]> = self.weights[tasks]
+            .iter()
+            .filter_map(|worth| Some(worth.as_ref().col(0).try_as_col_major()?.as_slice()))
+            .collect();
+        let told = self.instances.as_ref().map(|instances| instances.action_values(&worths, points));
+        told.and_then(Result::ok).unwrap_or_else(|| vec![Mat::zeros(Action::ALL.len(), points.ncols()); worths.len()])
     }
 
     /// A hash over dictionary, features and policy weights, bit by bit.
     pub fn digest(&self) -> String {
         let mut hash = Sha256::new();
         hash.update(self.model_digest_input());
+        hash.update(self.instances_digest_input());
         for weights in &self.weights {
             hash.update(bytes_of(weights.as_ref()));
         }
@@ -108,9 +198,27 @@ impl Learned {
         hex(&Sha256::digest(self.model_digest_input()))
     }
 
-    /// A hash over one task's weights.
+    /// A hash over one task's weights, and over where actions were tried.
     pub fn policy_digest(&self, task: usize) -> String {
-        hex(&Sha256::digest(bytes_of(self.weights[task].as_ref())))
+        let hash = Sha256::new().chain_update(self.instances_digest_input());
+        hex(&hash.chain_update(bytes_of(self.weights[task].as_ref())).finalize())
+    }
+
+    fn instances_digest_input(&self) -> Vec<u8> {
+        let Some(instances) = &self.instances else { return Vec::new() };
+        let options = instances.options();
+        let mut bytes = Vec::new();
+        bytes.extend((options.neighbours as u64).to_le_bytes());
+        bytes.extend(options.ridge.to_le_bytes());
+        bytes.extend(instances.counts().iter().flat_map(|&count| (count as u64).to_le_bytes()));
+        bytes.extend(
+            instances
+                .points()
+                .col_iter()
+                .flat_map(|point| point.iter().copied().collect::<Vec<f32>>())
+                .flat_map(f32::to_le_bytes),
+        );
+        bytes
     }
 
     fn model_digest_input(&self) -> Vec<u8> {

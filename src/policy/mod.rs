@@ -5,6 +5,7 @@
 
 mod learned;
 mod legs;
+mod metric;
 mod optimal;
 mod pixel_values;
 mod reference;
@@ -13,8 +14,9 @@ mod walk;
 
 pub use learned::{Learned, columns};
 pub use legs::{Behaviour, Leg, Tally};
+pub use metric::points;
 pub use optimal::optimal_steps;
-pub use pixel_values::{PixelValues, PolicyError};
+pub use pixel_values::{PixelPoints, PixelValues, PolicyError};
 pub use reference::reference_action;
 pub use reflex::{Recent, Reflexes};
 pub use walk::{Walk, clearance_ahead};

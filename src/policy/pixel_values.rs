@@ -1,6 +1,6 @@
-//! Q-values straight from an observation's pixels: what a decision costs while driving.
+//! Q-values, and points in the metric of slow features, straight from an observation's pixels: what a decision costs while driving.
 
-use faer::Mat;
+use faer::{Mat, MatRef};
 use thiserror::Error;
 
 use crate::kernel::Kernel;
@@ -32,6 +32,79 @@ pub enum PolicyError {
     /// Weights that do not fit the features.
     #[error(transparent)]
     Features(#[from] SlowError),
+    /// Local values with another number of actions.
+    #[error("{actions} actions were tried, but there are 3")]
+    Instances {
+        /// Actions of the transitions.
+        actions: usize,
+    },
+    /// What transitions are worth, for others than there are.
+    #[error("task {task} tells the worth of {found} transitions, but there are {expected}")]
+    Worth {
+        /// Which task, from 0.
+        task: usize,
+        /// Transitions that it tells of.
+        found: usize,
+        /// Transitions that there are.
+        expected: usize,
+    },
+    /// Transitions in coordinates of another model.
+    #[error("transitions have {found} coordinates, but there are {features} slow features")]
+    Coordinates {
+        /// Coordinates of the transitions.
+        found: usize,
+        /// Features of the model.
+        features: usize,
+    },
+}
+
+/// Support vectors as bytes, and their kernel values with an observation.
+///
+/// Observations are bytes, so support vectors are kept as bytes too: reading them is what takes the time, and this is a
+/// quarter of the `f32` values. Products `sᵀx` of whole numbers are exact in any order, hence the same bits on any
+/// machine, and the same as those of [`Kernel::matrix`] where these are exact.
+#[derive(Debug, Clone)]
+struct PixelRows {
+    kernel: Kernel,
+    /// Values of an observation `d`.
+    length: usize,
+    /// Support vectors one after another, `d` bytes each.
+    members: Vec<i8>,
+    /// For each support vector `128 Σ s` and `‖s‖²`.
+    sums: Vec<(f64, f64)>,
+}
+
+impl PixelRows {
+    fn new(model: &SlowModel<f32>) -> Result<Self, PolicyError> {
+        let mut members = Vec::with_capacity(model.members.nrows() * model.members.ncols());
+        let mut sums = Vec::with_capacity(model.members.ncols());
+        for (index, member) in model.members.col_iter().enumerate() {
+            let (mut sum, mut norm) = (0.0, 0.0);
+            for &value in member.iter() {
+                let byte = value as i8;
+                if f32::from(byte) != value {
+                    return Err(PolicyError::NotAnObservation { index, value });
+                }
+                members.push(byte);
+                sum += f64::from(value);
+                norm += f64::from(value) * f64::from(value);
+            }
+            sums.push((f64::from(ZERO) * sum, norm));
+        }
+        Ok(PixelRows { kernel: model.kernel, length: model.members.nrows(), members, sums })
+    }
+
+    /// The kernel values of an observation with all support vectors, one after another.
+    fn of<'a>(&'a self, observation: &'a Observation) -> impl Iterator<Item = f64> + 'a {
+        let pixels = observation.pixels.as_slice();
+        assert_eq!(pixels.len(), self.length, "observations and support vectors have the size that the scenario sets");
+        let norm: f64 = observation.values().map(|value| f64::from(value) * f64::from(value)).sum();
+        let members = self.members.chunks_exact(self.length.max(1));
+        members.zip(&self.sums).map(move |(member, &(sum, member_norm))| {
+            // Σ s (p − 128) = Σ s p − 128 Σ s.
+            self.kernel.value(product(member, pixels) - sum, member_norm, norm)
+        })
+    }
 }
 
 /// Q-values of all tasks as functions of kernel values, `Q(x, a) = b_aᵀk(x) + c_a`, over support vectors as bytes.
@@ -40,20 +113,10 @@ pub enum PolicyError {
 /// `(Aw)ᵀk(x) + (w₀ − cᵀw)`. `Aw` is made once for each model, so a decision needs one kernel value and three products for
 /// each support vector, whatever the number of features, and no memory is allocated.
 ///
-/// Observations are bytes, so support vectors are kept as bytes too: reading them is what takes the time, and this is a
-/// quarter of the `f32` values. Products `sᵀx` of whole numbers are exact in any order, hence the same bits on any
-/// machine, and the same as those of [`Kernel::matrix`] where these are exact.
-///
 /// The memory taken is `m (d + 16 + 24 · tasks)` bytes for `m` support vectors of `d` values.
 #[derive(Debug, Clone)]
 pub struct PixelValues {
-    kernel: Kernel,
-    /// Values of an observation `d`.
-    length: usize,
-    /// Support vectors one after another, `d` bytes each.
-    members: Vec<i8>,
-    /// For each support vector `128 Σ s` and `‖s‖²`.
-    sums: Vec<(f64, f64)>,
+    rows: PixelRows,
     tasks: Vec<Task>,
 }
 
@@ -73,21 +136,7 @@ impl PixelValues {
     /// Support vectors that are not whole numbers from −128 to 127, weights that do not fit the model's features or the
     /// three actions.
     pub fn new(model: &SlowModel<f32>, weights: &[Mat<f64>]) -> Result<Self, PolicyError> {
-        let mut members = Vec::with_capacity(model.members.nrows() * model.members.ncols());
-        let mut sums = Vec::with_capacity(model.members.ncols());
-        for (index, member) in model.members.col_iter().enumerate() {
-            let (mut sum, mut norm) = (0.0, 0.0);
-            for &value in member.iter() {
-                let byte = value as i8;
-                if f32::from(byte) != value {
-                    return Err(PolicyError::NotAnObservation { index, value });
-                }
-                members.push(byte);
-                sum += f64::from(value);
-                norm += f64::from(value) * f64::from(value);
-            }
-            sums.push((f64::from(ZERO) * sum, norm));
-        }
+        let rows = PixelRows::new(model)?;
         let task = |(task, weights): (usize, &Mat<f64>)| {
             if weights.ncols() != 3 {
                 return Err(PolicyError::Actions { task, actions: weights.ncols() });
@@ -97,7 +146,7 @@ impl PixelValues {
             Ok(Task { coefficients, constant: [c[0], c[1], c[2]] })
         };
         let tasks: Result<Vec<Task>, PolicyError> = weights.iter().enumerate().map(task).collect();
-        Ok(PixelValues { kernel: model.kernel, length: model.members.nrows(), members, sums, tasks: tasks? })
+        Ok(PixelValues { rows, tasks: tasks? })
     }
 
     /// Q-values of an observation for one task.
@@ -105,20 +154,54 @@ impl PixelValues {
     /// # Panics
     /// If there is no such task, or if the observation has another number of pixels than the support vectors.
     pub fn of(&self, observation: &Observation, task: usize) -> [f64; 3] {
-        let pixels = observation.pixels.as_slice();
-        assert_eq!(pixels.len(), self.length, "observations and support vectors have the size that the scenario sets");
         let task = &self.tasks[task];
-        let norm: f64 = observation.values().map(|value| f64::from(value) * f64::from(value)).sum();
         let mut q = task.constant;
-        let members = self.members.chunks_exact(self.length.max(1));
-        for ((member, &(sum, member_norm)), coefficients) in members.zip(&self.sums).zip(&task.coefficients) {
-            // Σ s (p − 128) = Σ s p − 128 Σ s.
-            let value = self.kernel.value(product(member, pixels) - sum, member_norm, norm);
+        for (value, coefficients) in self.rows.of(observation).zip(&task.coefficients) {
             for (q, coefficient) in q.iter_mut().zip(coefficients) {
                 *q += coefficient * value;
             }
         }
         q
+    }
+}
+
+/// Points of observations in the metric of the slowest features, over support vectors as bytes; as [`PixelValues`] with
+/// coordinates in place of values.
+///
+/// The memory taken is `m (d + 16 + 8p)` bytes for `p` coordinates.
+#[derive(Debug, Clone)]
+pub struct PixelPoints {
+    rows: PixelRows,
+    /// `p` coefficients for each support vector.
+    coefficients: Vec<f64>,
+    constants: Vec<f64>,
+}
+
+impl PixelPoints {
+    /// Linear functions of a model's features, `f × p`, of observations.
+    ///
+    /// # Errors
+    /// Support vectors that are not whole numbers from −128 to 127, weights that do not fit the model's features.
+    pub fn new(model: &SlowModel<f32>, weights: MatRef<'_, f64>) -> Result<Self, PolicyError> {
+        let rows = PixelRows::new(model)?;
+        let (b, constants) = model.over_kernel_values(weights)?;
+        let coefficients = (0..b.nrows()).flat_map(|i| b.row(i).iter().copied().collect::<Vec<_>>()).collect();
+        Ok(PixelPoints { rows, coefficients, constants })
+    }
+
+    /// The point of an observation.
+    ///
+    /// # Panics
+    /// If the observation has another number of pixels than the support vectors.
+    pub fn of(&self, observation: &Observation) -> Vec<f64> {
+        let mut point = self.constants.clone();
+        let coefficients = self.coefficients.chunks_exact(self.constants.len().max(1));
+        for (value, coefficients) in self.rows.of(observation).zip(coefficients) {
+            for (coordinate, coefficient) in point.iter_mut().zip(coefficients) {
+                *coordinate += coefficient * value;
+            }
+        }
+        point
     }
 }
 

@@ -162,17 +162,16 @@ fn grid(fineness: Fineness, world: &World, learned: &Learned) -> Grid {
 /// Features of observations, and what the policies make of them.
 fn looks(learned: &Learned, seen: &[Observation], shown: usize) -> Vec<Look> {
     let phi = learned.features(columns(seen.iter()).as_ref(), Par::Seq);
-    let best = |weights: &faer::Mat<f64>, j: usize| {
-        let q = (0..weights.ncols())
-            .map(|a| (0..phi.nrows()).map(|i| weights[(i, a)] * phi[(i, j)]).sum::<f64>())
-            .enumerate();
+    let values = learned.q_values_of(phi.as_ref());
+    let best = |values: &faer::Mat<f64>, j: usize| {
+        let q = (0..values.nrows()).map(|a| values[(a, j)]).enumerate();
         q.fold((f64::NEG_INFINITY, 0), |best, (a, q)| if q > best.0 { (q, a) } else { best })
     };
     (0..seen.len())
         .map(|j| Look {
             // The first feature is the constant one.
             features: (0..shown).map(|i| phi[(i + 1, j)]).collect(),
-            tasks: learned.weights.iter().map(|weights| best(weights, j)).collect(),
+            tasks: values.iter().map(|values| best(values, j)).collect(),
         })
         .collect()
 }

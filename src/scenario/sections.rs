@@ -256,20 +256,37 @@ pub struct Slow {
 /// `[value]`
 #[derive(Debug, Clone, PartialEq)]
 pub struct Value {
+    /// How values are found.
+    pub method: Method,
     /// Discount per action.
     pub gamma: f64,
-    /// Ridge on the diagonal of the summed system.
-    pub ridge: f64,
     /// Transitions in the window.
     pub window: usize,
-    /// Share of the greedy policy in each step of policy iteration.
+    /// Local values: transitions that tell the value of an action.
+    pub neighbours: usize,
+    /// Local values: slowest features that tell which states are near each other.
+    pub metric_features: usize,
+    /// Local values: ridge on the slopes of the regression, in mean squared distances of the neighbours.
+    pub local_ridge: f64,
+    /// LSPI: ridge on the diagonal of the summed system.
+    pub ridge: f64,
+    /// LSPI: share of the greedy policy in each step of policy iteration.
     pub mixing: f64,
-    /// Largest number of policy evaluations.
+    /// LSPI: largest number of policy evaluations.
     pub max_iterations: usize,
-    /// Relative change of weights that counts as converged.
+    /// LSPI: relative change of weights that counts as converged.
     pub tolerance: f64,
-    /// 0: transitions weigh alike; 1: every (cell, action) weighs alike.
+    /// LSPI: 0: transitions weigh alike; 1: every (cell, action) weighs alike.
     pub balance: f64,
+}
+
+/// How values are found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Method {
+    /// From the transitions nearby, by local regression: [`Local`](crate::value::Local).
+    Local,
+    /// Linear in all features, by least-squares policy iteration: [`Lspi`](crate::value::Lspi).
+    Lspi,
 }
 
 /// `[policy]`
@@ -772,18 +789,52 @@ impl Slow {
 impl Value {
     fn read(s: &mut Section<'_, '_>) -> Self {
         Value {
+            method: s.choice(
+                "method",
+                0,
+                &[("local", Method::Local), ("lspi", Method::Lspi)],
+                "values by regression on transitions nearby, or linear in all features",
+            ),
             gamma: s.number("gamma", 0.9, "per action", Range::within(0.0, 0.9999), "discount"),
-            ridge: s.number("ridge", 0.1, "", Range::within(0.0, 1e9), "on the diagonal of the summed system"),
             window: s.count("window", 20_000, "transitions", 10, 10_000_000, "rolling window"),
-            mixing: s.number("mixing", 0.3, "", Range::above(0.0, 1.0), "share of the greedy policy in each iteration"),
-            max_iterations: s.count("max_iterations", 40, "", 1, 10_000, "largest number of policy evaluations"),
-            tolerance: s.number("tolerance", 1e-3, "", Range::above(0.0, 1.0), "change of weights that counts as none"),
+            neighbours: s.count("neighbours", 16, "transitions", 1, 1000, "local: that tell the value of an action"),
+            metric_features: s.count(
+                "metric_features",
+                40,
+                "",
+                1,
+                5000,
+                "local: slowest features that tell which states are near",
+            ),
+            local_ridge: s.number(
+                "local_ridge",
+                0.1,
+                "mean squared distances",
+                Range::above(0.0, 1e9),
+                "local: on the slopes of the regression",
+            ),
+            ridge: s.number("ridge", 0.1, "", Range::within(0.0, 1e9), "lspi: on the diagonal of the summed system"),
+            mixing: s.number(
+                "mixing",
+                0.3,
+                "",
+                Range::above(0.0, 1.0),
+                "lspi: share of the greedy policy in each iteration",
+            ),
+            max_iterations: s.count("max_iterations", 40, "", 1, 10_000, "lspi: largest number of policy evaluations"),
+            tolerance: s.number(
+                "tolerance",
+                1e-3,
+                "",
+                Range::above(0.0, 1.0),
+                "lspi: change of weights that counts as none",
+            ),
             balance: s.number(
                 "balance",
                 0.5,
                 "",
                 Range::within(0.0, 1.0),
-                "0: transitions weigh alike, 1: every (cell, action) weighs alike",
+                "lspi: 0: transitions weigh alike, 1: every (cell, action) weighs alike",
             ),
         }
     }

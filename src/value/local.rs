@@ -1,0 +1,412 @@
+//! Local values: what an action is worth, told by the transitions nearby in which it was instances.
+//!
+//! Least-squares policy iteration finds values in the span of a few smooth features: a goal that is smaller than their
+//! wavelength is lost. Here features only say which states are near each other. The value of an action is a local linear
+//! regression on the nearest transitions with that action, and what each of those is worth follows from what came after it:
+//!
+//! `Q(x, a) = Σ_i w_i(x) Q_i` over the nearest transitions `i` with `a_i = a`, `Q_i = r_i + γ max_b Q(x′_i, b)`
+//!
+//! The weights depend on neither rewards nor policy: they are found once, and tasks share them.
+//!
+//! # Reference
+//! Ormoneit & Sen 2002 (kernel-based reinforcement learning: the same with averages in place of regressions); Ernst, Geurts &
+//! Wehenkel 2005 (fitted Q iteration); Atkeson, Moore & Schaal 1997 (locally weighted regression).
+
+use std::ops::Range;
+
+use faer::linalg::matmul::matmul;
+use faer::linalg::solvers::Solve;
+use faer::{Accum, Mat, MatRef, Par, Side};
+use rayon::prelude::*;
+
+use super::error::{discount, finite_list, finite_matrix, parameter};
+use super::{Fit, ValueError};
+
+/// States whose neighbours are searched in one product.
+const AT_ONCE: usize = 128;
+/// The least weight of a neighbour, before regression, as a share of the mean.
+const LEAST_WEIGHT: f64 = 1e-3;
+/// Values have settled when none changes by more than this share of the largest.
+const SETTLED: f64 = 1e-6;
+/// Sweeps until values must have settled, times `1 − γ`: what is left of the first ones then is e⁻²⁰.
+const SWEEPS: f64 = 20.0;
+
+/// How values are told from those of neighbours.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LocalOptions {
+    /// Transitions with the same action that tell a value, ≥ 1.
+    pub neighbours: usize,
+    /// Ridge on the slopes of the regression, in mean squared distances of the neighbours, > 0. Large values leave a weighted
+    /// mean.
+    pub ridge: f64,
+}
+
+impl LocalOptions {
+    fn check(&self) -> Result<(), ValueError> {
+        parameter("neighbours", self.neighbours as f64, self.neighbours >= 1, "at least 1")?;
+        parameter("ridge", self.ridge, self.ridge > 0.0 && self.ridge.is_finite(), "> 0 and finite")
+    }
+}
+
+/// Where actions were tried: the states before transitions, as points whose distance says how near they are.
+///
+/// # Shapes
+/// `p × N` points, those of action 0 first, then those of action 1, and so on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Instances {
+    options: LocalOptions,
+    points: Mat<f32>,
+    counts: Vec<usize>,
+    /// Squared norm of each point.
+    norms: Vec<f32>,
+}
+
+/// The transitions that tell a value: their numbers, and how much each counts. The weights sum to 1.
+type Neighbours = Vec<(u32, f64)>;
+
+impl Instances {
+    /// Transitions of actions, `counts` of each, from these states.
+    ///
+    /// # Errors
+    /// No transitions, counts that do not add up to the number of points, values that are not finite, options outside their
+    /// ranges.
+    pub fn new(points: Mat<f32>, counts: Vec<usize>, options: LocalOptions) -> Result<Self, ValueError> {
+        options.check()?;
+        let (n, dimensions) = (points.ncols(), points.nrows());
+        if n == 0 {
+            return Err(ValueError::Empty);
+        }
+        if counts.is_empty() {
+            return Err(ValueError::NoActions);
+        }
+        if dimensions == 0 {
+            return Err(ValueError::Features { what: "points", found: 0, expected: 1 });
+        }
+        let found = counts.iter().fold(0usize, |sum, &count| sum.saturating_add(count));
+        if found != n {
+            return Err(ValueError::Length { what: "the counts of actions together", found, expected: n });
+        }
+        finite_points("points", points.as_ref())?;
+        let norms = (0..n).map(|j| points.col(j).squared_norm_l2()).collect();
+        Ok(Instances { options, points, counts, norms })
+    }
+
+    /// Number of transitions `N`.
+    pub fn len(&self) -> usize {
+        self.points.ncols()
+    }
+
+    /// Never: there is at least one transition.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The points, `p × N`.
+    pub fn points(&self) -> MatRef<'_, f32> {
+        self.points.as_ref()
+    }
+
+    /// Transitions of each action.
+    pub fn counts(&self) -> &[usize] {
+        &self.counts
+    }
+
+    /// How values are told from those of neighbours.
+    pub fn options(&self) -> LocalOptions {
+        self.options
+    }
+
+    /// `Q(x, a)` of states, `p × n` points, for each list of what the transitions are worth (`N`): `A × n` for each. An action
+    /// that was never tried is worth 0.
+    ///
+    /// # Errors
+    /// Points of another dimension or not finite, another number of worths than of transitions.
+    pub fn action_values(&self, worths: &[&[f64]], points: MatRef<'_, f32>) -> Result<Vec<Mat<f64>>, ValueError> {
+        self.check_points("points", points)?;
+        if let Some(worth) = worths.iter().find(|worth| worth.len() != self.len()) {
+            return Err(ValueError::Length { what: "worth", found: worth.len(), expected: self.len() });
+        }
+        let mut values = vec![Mat::zeros(self.counts.len(), points.ncols()); worths.len()];
+        for a in 0..self.counts.len() {
+            for (j, near) in self.neighbours(a, points).into_iter().enumerate() {
+                for (values, worth) in values.iter_mut().zip(worths) {
+                    values[(a, j)] = told(&near, worth);
+                }
+            }
+        }
+        Ok(values)
+    }
+
+    fn check_points(&self, what: &'static str, points: MatRef<'_, f32>) -> Result<(), ValueError> {
+        if points.nrows() != self.points.nrows() {
+            return Err(ValueError::Features { what, found: points.nrows(), expected: self.points.nrows() });
+        }
+        finite_points(what, points)
+    }
+
+    /// Places of an action's transitions.
+    fn of_action(&self, action: usize) -> Range<usize> {
+        let start: usize = self.counts[..action].iter().sum();
+        start..start + self.counts[action]
+    }
+
+    /// Which transitions of an action tell its value at each point, on this thread.
+    fn neighbours(&self, action: usize, points: MatRef<'_, f32>) -> Vec<Neighbours> {
+        let places = self.of_action(action);
+        if places.is_empty() {
+            return vec![Vec::new(); points.ncols()];
+        }
+        let of_action = self.points.as_ref().subcols(places.start, places.len());
+        let mut products = Mat::zeros(of_action.ncols(), points.ncols());
+        matmul(products.as_mut(), Accum::Replace, of_action.transpose(), points, 1.0, Par::Seq);
+        let mut distances: Vec<(f32, u32)> = Vec::with_capacity(places.len());
+        let near = |j: usize| {
+            distances.clear();
+            // Up to the norm of the point itself, which is the same for all.
+            let distance =
+                |i: usize| (self.norms[places.start + i] - 2.0 * products[(i, j)], (places.start + i) as u32);
+            distances.extend((0..places.len()).map(distance));
+            let order = |a: &(f32, u32), b: &(f32, u32)| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
+            // One more than needed: the distance of that one is where weights end.
+            let kept = (self.options.neighbours + 1).min(distances.len());
+            if kept < distances.len() {
+                distances.select_nth_unstable_by(kept - 1, order);
+            }
+            distances.truncate(kept);
+            let nearest = distances.iter().map(|&(_, place)| place).collect();
+            self.regress(nearest, points, j)
+        };
+        (0..points.ncols()).map(near).collect()
+    }
+
+    /// Weights of the nearest transitions in the value at a point: those of a linear regression with ridge on its slopes.
+    ///
+    /// With differences `D` to the point and weights `u` by distance, the intercept that minimises
+    /// `Σ u_i (q_i − c − bᵀD_i)² + ρ‖b‖²` is `c = 1ᵀG⁻¹q / 1ᵀG⁻¹1` with `G = DᵀD/ρ + diag(u)⁻¹`.
+    fn regress(&self, nearest: Vec<u32>, points: MatRef<'_, f32>, j: usize) -> Neighbours {
+        let difference = |i: usize, place: u32| f64::from(self.points[(i, place as usize)]) - f64::from(points[(i, j)]);
+        let squared = |place: u32| (0..points.nrows()).map(|i| difference(i, place).powi(2)).sum::<f64>();
+        let mut near: Vec<(f64, u32)> = nearest.into_iter().map(|place| (squared(place), place)).collect();
+        near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let farthest = near.last().map_or(0.0, |&(distance, _)| distance);
+        let reach = if near.len() > self.options.neighbours { farthest } else { 2.0 * farthest };
+        near.truncate(self.options.neighbours);
+        let k = near.len();
+        let mean = near.iter().map(|&(distance, _)| distance).sum::<f64>() / k as f64;
+        if k == 1 || mean == 0.0 {
+            return near.iter().map(|&(_, place)| (place, 1.0 / k as f64)).collect();
+        }
+        let by_distance: Vec<f64> = near.iter().map(|&(distance, _)| (1.0 - distance / reach).max(0.0)).collect();
+        let mean_weight = (by_distance.iter().sum::<f64>() / k as f64).max(f64::MIN_POSITIVE);
+        let differences = Mat::from_fn(points.nrows(), k, |i, c| difference(i, near[c].1));
+        let mut gram = differences.transpose() * &differences;
+        let slopes = 1.0 / (self.options.ridge * mean);
+        for c in 0..k {
+            for r in 0..k {
+                gram[(r, c)] *= slopes;
+            }
+            gram[(c, c)] += 1.0 / (by_distance[c] / mean_weight).max(LEAST_WEIGHT);
+        }
+        let ones = Mat::from_fn(k, 1, |_, _| 1.0);
+        let weights = match gram.llt(Side::Lower) {
+            Ok(factor) => factor.solve(&ones),
+            // It is positive definite unless numbers overflow: then a mean.
+            Err(_) => ones,
+        };
+        let sum: f64 = (0..k).map(|c| weights[(c, 0)]).sum();
+        (0..k).map(|c| (near[c].1, weights[(c, 0)] / sum)).collect()
+    }
+}
+
+/// A value from what its neighbours are worth.
+fn told(near: &[(u32, f64)], worth: &[f64]) -> f64 {
+    near.iter().map(|&(place, weight)| weight * worth[place as usize]).sum()
+}
+
+fn finite_points(what: &'static str, points: MatRef<'_, f32>) -> Result<(), ValueError> {
+    if points.is_all_finite() {
+        return Ok(());
+    }
+    finite_matrix(what, Mat::from_fn(points.nrows(), points.ncols(), |i, j| f64::from(points[(i, j)])).as_ref())
+}
+
+/// What came of each transition, for one task; in the order of [`Instances`].
+#[derive(Debug, Clone, Copy)]
+pub struct LocalOutcomes<'a> {
+    /// Rewards, `N`.
+    pub rewards: &'a [f64],
+    /// Which actions may follow each transition, as bits, `N`; as in [`Outcomes::allowed`](super::Outcomes::allowed).
+    pub allowed: &'a [u32],
+    /// Whether the episode ended with a transition, `N`: nothing follows it then.
+    pub ended: &'a [bool],
+}
+
+/// Transitions whose ends know their neighbours: the part of the problem that tasks share.
+#[derive(Debug)]
+pub struct Local<'a> {
+    instances: &'a Instances,
+    /// For each transition and action which transitions tell the action's value at its end.
+    after: Vec<Vec<Neighbours>>,
+}
+
+impl<'a> Local<'a> {
+    /// Find the neighbours of the states after each transition, `p × N`. `N²p` products, beside the regressions; what is found
+    /// takes `16 A N` bytes for each neighbour, and does not depend on the number of threads.
+    ///
+    /// # Errors
+    /// Another number or dimension of points than there are transitions, values that are not finite.
+    pub fn new(instances: &'a Instances, ends: MatRef<'_, f32>) -> Result<Self, ValueError> {
+        if ends.ncols() != instances.len() {
+            return Err(ValueError::Length { what: "the ends", found: ends.ncols(), expected: instances.len() });
+        }
+        instances.check_points("ends", ends)?;
+        let starts: Vec<usize> = (0..ends.ncols()).step_by(AT_ONCE).collect();
+        let of_block = |start: usize| {
+            let block = ends.subcols(start, AT_ONCE.min(ends.ncols() - start));
+            let mut of_action: Vec<_> =
+                (0..instances.counts.len()).map(|a| instances.neighbours(a, block).into_iter()).collect();
+            let next = |_| of_action.iter_mut().map(|near| near.next().unwrap_or_default()).collect();
+            (0..block.ncols()).map(next).collect::<Vec<Vec<Neighbours>>>()
+        };
+        Ok(Local { instances, after: starts.into_par_iter().flat_map_iter(of_block).collect() })
+    }
+
+    /// What each transition is worth, for one task, as the one column of [`Fit::weights`]: for [`Instances::action_values`].
+    ///
+    /// Values stay within those that the rewards allow, so that they cannot run away where a regression extrapolates. Whether
+    /// they settled is in the result; regressions, unlike averages, are no contraction.
+    ///
+    /// # Errors
+    /// Lists of other lengths than there are transitions, one after which nothing may follow, rewards that are not finite, γ
+    /// outside [0, 1).
+    pub fn fit(&self, outcomes: &LocalOutcomes<'_>, gamma: f64) -> Result<Fit, ValueError> {
+        let (n, actions) = (self.instances.len(), self.instances.counts.len());
+        discount(gamma)?;
+        let lengths =
+            [("rewards", outcomes.rewards.len()), ("allowed", outcomes.allowed.len()), ("ended", outcomes.ended.len())];
+        for (what, found) in lengths {
+            if found != n {
+                return Err(ValueError::Length { what, found, expected: n });
+            }
+        }
+        finite_list("rewards", outcomes.rewards)?;
+        let may = |i: usize, b: usize| outcomes.allowed[i] & (1 << b) != 0;
+        if let Some(index) = (0..n).find(|&i| (0..actions).all(|b| !may(i, b))) {
+            return Err(ValueError::NothingAllowed { index, actions });
+        }
+        let (least, most) = outcomes.rewards.iter().fold((0.0f64, 0.0f64), |(l, m), &r| (l.min(r), m.max(r)));
+        let (least, most) = (least / (1.0 - gamma), most / (1.0 - gamma));
+        let mut worth = vec![0.0; n];
+        let mut fit = Fit { weights: Mat::new(), iterations: 0, converged: false, cycle: None };
+        for sweep in 1..=(SWEEPS / (1.0 - gamma)).ceil() as usize {
+            let of = |i: usize| {
+                if outcomes.ended[i] {
+                    return outcomes.rewards[i];
+                }
+                let values = (0..actions).filter(|&b| may(i, b)).map(|b| told(&self.after[i][b], &worth));
+                (outcomes.rewards[i] + gamma * values.fold(f64::NEG_INFINITY, f64::max)).clamp(least, most)
+            };
+            let new: Vec<f64> = (0..n).into_par_iter().map(of).collect();
+            let size = new.iter().fold(0.0f64, |size, value| size.max(value.abs()));
+            let change = new.iter().zip(&worth).fold(0.0f64, |change, (new, old)| change.max((new - old).abs()));
+            worth = new;
+            fit.iterations = sweep;
+            if change <= SETTLED * size {
+                fit.converged = true;
+                break;
+            }
+        }
+        fit.weights = Mat::from_fn(n, 1, |i, _| worth[i]);
+        Ok(fit)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const OPTIONS: LocalOptions = LocalOptions { neighbours: 4, ridge: 1e-6 };
+
+    #[test]
+    fn weights_reproduce_linear_functions() {
+        // On a grid, seen from between its points.
+        let points = Mat::from_fn(2, 49, |i, j| [(j % 7) as f32, (j / 7) as f32][i]);
+        let instances = Instances::new(points.clone(), vec![49], LocalOptions { neighbours: 9, ridge: 1e-6 }).unwrap();
+        let worth: Vec<f64> =
+            (0..49).map(|j| 1.0 + 2.0 * f64::from(points[(0, j)]) - 3.0 * f64::from(points[(1, j)])).collect();
+        for (x, y) in [(2.3f32, 3.1f32), (4.9, 1.2), (0.1, 5.7)] {
+            let q =
+                instances.action_values(&[&worth], Mat::from_fn(2, 1, |i, _| [x, y][i]).as_ref()).unwrap()[0][(0, 0)];
+            let expected = 1.0 + 2.0 * f64::from(x) - 3.0 * f64::from(y);
+            assert!((q - expected).abs() < 1e-3, "({x}, {y}): {q}, not {expected}");
+        }
+    }
+
+    #[test]
+    fn a_large_ridge_leaves_means_which_stay_between_the_neighbours() {
+        let points = Mat::from_fn(1, 5, |_, j| j as f32);
+        let instances = Instances::new(points, vec![5], LocalOptions { neighbours: 3, ridge: 1e9 }).unwrap();
+        let worth = [0.0, 0.0, 1.0, 0.0, 0.0];
+        let at = |x: f32| instances.action_values(&[&worth], Mat::from_fn(1, 1, |_, _| x).as_ref()).unwrap()[0][(0, 0)];
+        // The nearest one counts more than each of the others, and all of them count.
+        assert!(at(2.0) > 1.0 / 3.0 && at(2.4) > 1.0 / 3.0 && at(1.4) > 1.0 / 6.0);
+        // Beyond the points too.
+        assert!([2.0, 2.4, 1.4, -7.0, 12.0].into_iter().all(|x| (0.0..1.0).contains(&at(x))));
+    }
+
+    /// A corridor of states 0 … 10, left and right, the goal at its right end.
+    fn corridor() -> (Mat<f32>, Mat<f32>, Vec<usize>, Vec<f64>) {
+        let end = |action: usize, x: usize| if action == 0 { x.saturating_sub(1) } else { (x + 1).min(10) };
+        let ends: Vec<usize> = (0..22).map(|i| end(i / 11, i % 11)).collect();
+        let points = Mat::from_fn(1, 22, |_, i| (i % 11) as f32);
+        let after = Mat::from_fn(1, 22, |_, i| ends[i] as f32);
+        let rewards = ends.iter().map(|&x| f64::from(u8::from(x == 10))).collect();
+        (points, after, vec![11, 11], rewards)
+    }
+
+    #[test]
+    fn values_of_a_corridor_are_the_exact_ones() {
+        let (points, after, counts, rewards) = corridor();
+        // A single neighbour: the table itself.
+        let instances = Instances::new(points, counts, LocalOptions { neighbours: 1, ridge: 1.0 }).unwrap();
+        let local = Local::new(&instances, after.as_ref()).unwrap();
+        let outcomes = |ended| LocalOutcomes { rewards: &rewards, allowed: &[3; 22], ended };
+        let fit = local.fit(&outcomes(&[false; 22]), 0.9).unwrap();
+        assert!(fit.converged);
+        for x in 0..11 {
+            let exact = 0.9f64.powi((9 - x as i32).max(0)) / (1.0 - 0.9);
+            assert!((fit.weights[(11 + x, 0)] - exact).abs() < 1e-4, "right of {x}: {}", fit.weights[(11 + x, 0)]);
+        }
+        let ended: Vec<bool> = rewards.iter().map(|&reward| reward > 0.0).collect();
+        let fit = local.fit(&outcomes(&ended), 0.9).unwrap();
+        assert!((fit.weights[(11 + 5, 0)] - 0.9f64.powi(4)).abs() < 1e-4);
+    }
+
+    #[test]
+    fn what_does_not_fit_is_refused() {
+        let (points, after, counts, rewards) = corridor();
+        assert_eq!(Instances::new(Mat::new(), vec![], OPTIONS).unwrap_err(), ValueError::Empty);
+        assert!(Instances::new(points.clone(), vec![11, 10], OPTIONS).is_err());
+        assert!(Instances::new(points.clone(), vec![usize::MAX, 23], OPTIONS).is_err());
+        assert!(Instances::new(points.clone(), counts.clone(), LocalOptions { neighbours: 0, ..OPTIONS }).is_err());
+        assert!(Instances::new(points.clone(), counts.clone(), LocalOptions { ridge: f64::NAN, ..OPTIONS }).is_err());
+        let mut odd = points.clone();
+        odd[(0, 3)] = f32::NAN;
+        assert!(matches!(Instances::new(odd, counts.clone(), OPTIONS), Err(ValueError::Input { place: 3, .. })));
+        let instances = Instances::new(points, counts, OPTIONS).unwrap();
+        assert!(Local::new(&instances, after.as_ref().subcols(0, 21)).is_err());
+        let local = Local::new(&instances, after.as_ref()).unwrap();
+        let outcomes = LocalOutcomes { rewards: &rewards, allowed: &[0; 22], ended: &[false; 22] };
+        assert!(matches!(local.fit(&outcomes, 0.9), Err(ValueError::NothingAllowed { index: 0, actions: 2 })));
+        assert!(local.fit(&LocalOutcomes { allowed: &[3; 22], ..outcomes }, 1.0).is_err());
+        assert!(instances.action_values(&[&[0.0; 3]], after.as_ref()).is_err());
+    }
+
+    #[test]
+    fn an_action_that_was_never_tried_is_worth_nothing() {
+        let points = Mat::from_fn(1, 2, |_, j| j as f32);
+        let instances = Instances::new(points.clone(), vec![2, 0], OPTIONS).unwrap();
+        let q = instances.action_values(&[&[1.0, 1.0]], points.as_ref()).unwrap();
+        assert_eq!((q[0][(0, 0)], q[0][(1, 0)]), (1.0, 0.0));
+    }
+}
