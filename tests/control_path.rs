@@ -1,10 +1,13 @@
-//! From an image to an action: nothing is allocated, and the Q-values are those of the features.
+//! From an image to an action: the Q-values are those of the features, and where they are linear nothing is allocated.
+
+use std::sync::Arc;
 
 use adagio::kernel::Kernel;
 use adagio::policy::{Learned, PolicyError, Recent, Reflexes, columns};
 use adagio::random::stream;
 use adagio::scenario::Vision;
 use adagio::slow::{SlowError, SlowModel};
+use adagio::value::{Instances, LocalOptions};
 use adagio::vision::{Observation, Observer};
 use adagio::world::{Action, Image};
 use faer::{Mat, Par};
@@ -61,6 +64,49 @@ fn q_values_are_those_of_the_features() {
             }
         }
     }
+}
+
+/// Where actions were tried: `of_each` transitions of each action at random places.
+fn instances(p: usize, of_each: usize) -> Arc<Instances> {
+    let mut rng = stream(5, "places");
+    let points = Mat::from_fn(p, 3 * of_each, |_, _| rng.random_range(-2.0..2.0f32));
+    Arc::new(Instances::new(points, vec![of_each; 3], LocalOptions { neighbours: 8, ridge: 0.1 }).unwrap())
+}
+
+#[test]
+fn local_values_are_those_of_the_features() {
+    let model = model(Kernel::gaussian(600.0).unwrap(), 147, 90, 25, 1);
+    let instances = instances(12, 200);
+    let mut rng = stream(6, "worth");
+    let worth = (0..2).map(|_| Mat::from_fn(600, 1, |_, _| rng.random_range(0.0..1.0))).collect();
+    let learned = Learned::local(1, 0, 0, model, instances, worth).unwrap();
+    let seen: Vec<Observation> = (0..50).map(|_| observation(147, &mut rng)).collect();
+    let phi = learned.features(columns(seen.iter()).as_ref(), Par::Seq);
+    let known = learned.q_values_of(phi.as_ref());
+    for (j, seen) in seen.iter().enumerate() {
+        for (task, known) in known.iter().enumerate() {
+            for (a, found) in learned.q_values(seen, task).into_iter().enumerate() {
+                // Points are rounded to 32 bits.
+                assert!((found - known[(a, j)]).abs() < 1e-3, "{found} against {}", known[(a, j)]);
+            }
+        }
+    }
+    // They are not all the same.
+    assert!((known[0][(0, 0)] - known[1][(0, 0)]).abs() > 1e-3 && (known[0][(0, 0)] - known[0][(1, 0)]).abs() > 1e-3);
+}
+
+#[test]
+fn local_values_that_cannot_be_acted_on_are_refused() {
+    let make = |instances: Arc<Instances>, worth: Mat<f64>| {
+        let model = model(Kernel::gaussian(300.0).unwrap(), 4, 2, 3, 1);
+        Learned::local(1, 0, 0, model, instances, vec![worth]).unwrap_err()
+    };
+    let error = make(instances(4, 5), Mat::zeros(15, 1));
+    assert_eq!(error, PolicyError::Coordinates { found: 4, features: 3 });
+    let error = make(instances(3, 5), Mat::zeros(14, 1));
+    assert_eq!(error, PolicyError::Worth { task: 0, found: 14, expected: 15 });
+    let two = Instances::new(Mat::zeros(3, 4), vec![2, 2], LocalOptions { neighbours: 1, ridge: 1.0 }).unwrap();
+    assert_eq!(make(Arc::new(two), Mat::zeros(4, 1)), PolicyError::Instances { actions: 2 });
 }
 
 /// The size of an observation is what the vector instructions divide: every remainder.

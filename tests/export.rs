@@ -132,6 +132,19 @@ fn numpy_reads_what_the_log_holds() {
         off("values_off"),
         off("largest_value")
     );
+    // Points are rounded to 32 bits, here from numbers that differ in their last bits.
+    assert!(off("features_off") < 1e-9 && off("values_off") < 1e-4 * off("largest_value"));
+    assert_eq!(about["files"]["model.npz"]["worth"]["shape"], json!([400, 2]));
+
+    // Linear values, too.
+    smoke_run(folder.path(), "linear", &["--set", "value.method=lspi"]);
+    let about = export(folder.path(), &["linear", "--out", "of_linear"]);
+    assert_eq!(about["files"]["model.npz"]["weights"]["shape"], json!([2, 3, 61]));
+    let Some(seen) = common::python("read_export.py", &[folder.path().join("of_linear").to_str().unwrap()]) else {
+        return;
+    };
+    let seen: Value = serde_json::from_str(&seen).unwrap();
+    let off = |name: &str| seen[name].as_f64().unwrap();
     assert!(off("features_off") < 1e-9 && off("values_off") < 1e-9 * off("largest_value"));
 }
 

@@ -246,11 +246,18 @@ fn a_run_that_was_interrupted_goes_on_to_the_end_of_one_that_was_not() {
 
 #[test]
 fn a_run_that_was_killed_goes_on_from_the_last_state_that_was_kept() {
-    for (mode, selection) in [("lockstep", "ald"), ("lockstep", "random"), ("realtime", "ald")] {
+    for (mode, selection, method) in
+        [("lockstep", "ald", "local"), ("lockstep", "random", "lspi"), ("realtime", "ald", "local")]
+    {
         let folder = tempfile::tempdir().unwrap();
-        let [mode_set, selection_set] = [format!("agent.mode={mode}"), format!("dictionary.selection={selection}")];
-        let settings =
-            ["--actions", "1000", "--set", &mode_set, "--set", &selection_set, "--set", "agent.keep_minutes=0.002"];
+        let sets = [
+            format!("agent.mode={mode}"),
+            format!("dictionary.selection={selection}"),
+            format!("value.method={method}"),
+            "agent.keep_minutes=0.002".to_owned(),
+        ];
+        let mut settings = vec!["--actions", "1000"];
+        settings.extend(sets.iter().flat_map(|set| ["--set", set]));
         signalled(folder.path(), &settings, 1_200_000, "-KILL");
         let run = folder.path().join("run");
         assert!(run.join("state.safetensors").is_file(), "{mode}, {selection}: no state was kept");

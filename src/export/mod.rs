@@ -109,6 +109,12 @@ pub struct AboutModel {
     pub exponent: f64,
     /// Its tasks by their numbers.
     pub tasks: Vec<String>,
+    /// How Q-values are made of the arrays in `model.npz`, in words.
+    pub values: &'static str,
+    /// Of local values: transitions that tell a value.
+    pub neighbours: Option<usize>,
+    /// Of local values: ridge on the slopes of the regression, in mean squared distances of the neighbours.
+    pub local_ridge: Option<f64>,
     /// A hash of dictionary, features and policy weights.
     pub digest: String,
 }
@@ -174,6 +180,7 @@ fn names(scenario: &Scenario) -> Vec<String> {
 
 fn about_model(model: &Model) -> AboutModel {
     let learned = &model.learned;
+    let options = learned.instances.as_ref().map(|instances| instances.options());
     AboutModel {
         path: model.path.display().to_string(),
         epoch: learned.epoch,
@@ -181,9 +188,18 @@ fn about_model(model: &Model) -> AboutModel {
         sigma: learned.sigma(),
         exponent: learned.exponent(),
         tasks: names(&model.scenario),
+        values: if options.is_some() { LOCAL_VALUES } else { LINEAR_VALUES },
+        neighbours: options.map(|options| options.neighbours),
+        local_ridge: options.map(|options| options.ridge),
         digest: learned.digest(),
     }
 }
+
+const LINEAR_VALUES: &str = "Q(x, a) = weights[task, a] . features(x)";
+const LOCAL_VALUES: &str = "coordinates of x: its first features (without the constant one), each over the root of its slowness's share of \
+    the mean of these, at least 0.001; of the instances of action a the nearest ones (neighbours), and weights \
+    u = max(1 - distance^2 / distance^2 of the next one, 0) over their mean, at least 0.001; with differences D of coordinates and \
+    G = D'D / (local_ridge * mean squared distance) + diag(1/u): Q(x, a) = 1'G^-1 worth / 1'G^-1 1";
 
 fn failed(path: &Path) -> impl Fn(io::Error) -> ExportError {
     move |cause| ExportError::Write { path: path.to_owned(), cause }

@@ -41,8 +41,35 @@ def computed_again(frames, model, about):
     width = numpy.sqrt(2) * about["model"]["sigma"]
     kernel = numpy.exp(-((distance / width) ** about["model"]["exponent"]))
     features = kernel @ model["projection"] - model["offset"]
-    features = numpy.hstack([numpy.ones((len(x), 1)), features])
-    return features, numpy.einsum("taf,nf->nta", model["weights"], features)
+    if "weights" in model:
+        features = numpy.hstack([numpy.ones((len(x), 1)), features])
+        return features, numpy.einsum("taf,nf->nta", model["weights"], features)
+    p = model["instances"].shape[1]
+    slowness = model["slowness"][:p]
+    points = features[:, :p] / numpy.sqrt(numpy.maximum(slowness / slowness.mean(), 0.001))
+    values = numpy.zeros((len(x), model["worth"].shape[1], 3))
+    for action in range(3):
+        chosen = model["instance_action"] == action
+        instances, worth = model["instances"][chosen].astype(numpy.float64), model["worth"][chosen]
+        for n, point in enumerate(points.astype(numpy.float32).astype(numpy.float64)):
+            values[n, :, action] = local_value(point, instances, worth, about["model"])
+    return numpy.hstack([numpy.ones((len(x), 1)), features]), values
+
+
+def local_value(point, instances, worth, about):
+    """By linear regression with ridge on the slopes, from the nearest instances of an action."""
+    squared = ((instances - point) ** 2).sum(1)
+    near = numpy.argsort(squared, kind="stable")[: about["neighbours"] + 1]
+    reach = squared[near[-1]] if len(near) > about["neighbours"] else 2 * squared[near[-1]]
+    near = near[: about["neighbours"]]
+    squared = squared[near]
+    weights = numpy.maximum(1 - squared / reach, 0)
+    weights = numpy.maximum(weights / weights.mean(), 0.001)
+    # As a regression with a constant that is not held back: the normal equations, in place of what the program solves.
+    x = numpy.hstack([numpy.ones((len(near), 1)), instances[near] - point])
+    ridge = about["local_ridge"] * squared.mean() * numpy.eye(x.shape[1])
+    ridge[0, 0] = 0
+    return numpy.linalg.solve(x.T @ (weights[:, None] * x) + ridge, x.T @ (weights[:, None] * worth[near]))[0]
 
 
 def main():
@@ -65,6 +92,7 @@ def main():
             rows = [hashlib.sha256(row.tobytes()).hexdigest() for row in arrays["observation"]]
             result["frames"]["observation_sha256"] = rows
     if about["model"] is not None:
+        assert about["model"]["values"]
         with numpy.load(folder / "model.npz") as archive:
             features, values = computed_again(frames, archive, about)
         result["features_off"] = float(abs(features - frames["features"]).max())
