@@ -7,6 +7,7 @@ mod common;
 use std::time::Instant;
 
 use common::data::{D, frames};
+use common::operations::ACTIONS;
 use common::{Size, allowed, max_m, operations, simulation, standard};
 
 use adagio::policy::{Learned, Recent, Reflexes};
@@ -24,6 +25,9 @@ fn main() {
 
 /// Features of the policy.
 const K: usize = 128;
+/// Those that say what is near, of local values; and transitions.
+const COORDINATES: usize = 40;
+const TRANSITIONS: usize = 20_000;
 
 /// Against the number of support vectors.
 #[divan::bench(args = standard().into_iter().map(|size| size.k(K)), max_time = 2)]
@@ -34,6 +38,12 @@ fn decide_of_m(bencher: Bencher, size: Size) {
 /// Against the number of features.
 #[divan::bench(args = allowed([32, 128, 500].map(|k| Size::of(2000).k(k))), max_time = 2)]
 fn decide_of_k(bencher: Bencher, size: Size) {
+    decide(bencher, size);
+}
+
+/// With local values, against the number of transitions.
+#[divan::bench(args = allowed([5000, 20_000, 60_000].map(|n| Size::of(2000).k(K).n(n))), max_time = 2)]
+fn decide_locally_of_n(bencher: Bencher, size: Size) {
     decide(bencher, size);
 }
 
@@ -59,7 +69,16 @@ impl Robot {
         Robot {
             images: simulation::poses(&scenario).iter().map(|pose| world.looks.camera(0).render(pose)).collect(),
             vision: scenario.vision.clone(),
-            learned: operations::learned(&frames(D, size.m), size.m, size.k.unwrap_or(K)),
+            learned: match size.n {
+                None => operations::learned(&frames(D, size.m), size.m, size.k.unwrap_or(K)),
+                Some(n) => operations::learned_locally(
+                    &frames(D, size.m),
+                    size.m,
+                    size.k.unwrap_or(K),
+                    COORDINATES,
+                    n / ACTIONS,
+                ),
+            },
             reflexes: Reflexes::new(&scenario.policy),
         }
     }
@@ -91,7 +110,8 @@ fn percentiles() {
     );
     println!("{:>20} {:>18} {:>8} {:>8} {:>8}", "", "", "p50", "p99", "largest");
     let mut other = vec![0u8; OTHER_WORK];
-    for size in standard() {
+    let local = standard().into_iter().map(|size| size.n(TRANSITIONS));
+    for size in standard().into_iter().chain(local) {
         let robot = Robot::new(size.k(K));
         let mut images = robot.images.iter().cycle();
         let mut timed = || {

@@ -1,9 +1,10 @@
 //! Adagio is an agent that learns to navigate from a camera, while it drives.
 //!
-//! It explores, learns what its images mean (slow features), learns what its actions are worth (least-squares policy
-//! iteration) and acts on that, in one continuous run that is recorded in one log. The method is that of W. Böhmer's thesis
-//! *Robot Navigation using Reinforcement Learning and Slow Feature Analysis*, which ran as three offline phases, made
-//! into a stream.
+//! It explores, learns what its images mean (slow features), learns what its actions are worth and acts on that, in one
+//! continuous run that is recorded in one log. It carries on W. Böhmer's thesis *Robot Navigation using Reinforcement Learning
+//! and Slow Feature Analysis*, which ran as three offline phases, as a stream. The thesis's values, linear in the features by
+//! least-squares policy iteration, are there; by default, features say which states are near each other, and values come from
+//! the transitions nearby ([`value::Local`]).
 //!
 //! # The way of a frame
 //!
@@ -14,7 +15,7 @@
 //!       ▲                32 × 16 RGB             ALD, grows       v = L⁻¹k(x)     running     re-solved      │
 //!       │                                                                          sums       now and then   │
 //!       │                                                                                                    ▼
-//!       └──action── policy ◀──weights── LSPI ◀──rolling window of transitions (x, a, r, x′)─── features φ(x)
+//!       └──action── policy ◀──────── values ◀──rolling window of transitions (x, a, r, x′)─── features φ(x)
 //!
 //!  everything that happens ──────────▶ log (MCAP)
 //! ```
@@ -31,7 +32,7 @@
 //! | [`dictionary`] | which observations to keep as support vectors: ALD, random, greedy, over features |
 //! | [`regression`] | least squares, ridge, kernel ridge, validation |
 //! | [`slow`] | moments and slow features: linear, expanded, kernel, hierarchical; theory, other objectives, ICA |
-//! | [`value`] | transitions, LSTD, LSQ, LSPI; finite processes with exact answers, small worlds |
+//! | [`value`] | transitions, local values, LSTD, LSQ, LSPI; finite processes with exact answers, small worlds |
 //! | [`policy`] | exploration, pursuit, reflexes, reference, optimum |
 //! | [`agent`] | the actors and their queues |
 //! | [`log`] | messages, CDR, writer, reader |

@@ -8,7 +8,7 @@ use adagio::kernel::Kernel;
 use adagio::slow::{
     Link, Method, Moments, SlowFeatures, SlowModel, SlowStream, SolveOptions, StreamOptions, solve_with,
 };
-use adagio::value::{Fit, Lspi, LspiOptions, Outcomes, Samples};
+use adagio::value::{Fit, Instances, Local, LocalOptions, LocalOutcomes, Lspi, LspiOptions, Outcomes, Samples};
 use faer::{Mat, MatRef, Par};
 use rand_distr::{Distribution, StandardNormal};
 
@@ -192,6 +192,36 @@ impl Transitions {
         };
         problem.fit(&outcomes, &options).expect("valid outcomes")
     }
+}
+
+/// How local values are told, as in the scenarios' defaults.
+const LOCAL: LocalOptions = LocalOptions { neighbours: 16, ridge: 0.1 };
+
+impl Transitions {
+    /// Local values for one task, neighbours included; the features without the constant one are coordinates.
+    pub fn refit_locally(&self) -> Fit {
+        let mut order: Vec<usize> = (0..self.actions.len()).collect();
+        order.sort_by_key(|&t| self.actions[t]);
+        let counts = (0..ACTIONS).map(|a| self.actions.iter().filter(|&&action| action == a).count()).collect();
+        let points = |phi: &Mat<f64>| Mat::from_fn(phi.nrows() - 1, order.len(), |i, j| phi[(i + 1, order[j])] as f32);
+        let instances = Instances::new(points(&self.phi), counts, LOCAL).expect("valid instances");
+        let local = Local::new(&instances, points(&self.next).as_ref()).expect("valid ends");
+        let rewards: Vec<f64> = order.iter().map(|&t| self.rewards[t]).collect();
+        let (allowed, ended) = (vec![7; rewards.len()], vec![false; rewards.len()]);
+        let outcomes = LocalOutcomes { rewards: &rewards, allowed: &allowed, ended: &ended };
+        local.fit(&outcomes, 0.9).expect("valid outcomes")
+    }
+}
+
+/// What was learned with local values: over `m` support vectors and `k` features, of which `p` are coordinates, for one task and
+/// `n` transitions of each action.
+pub fn learned_locally(x: &Mat<f32>, m: usize, k: usize, p: usize, n: usize) -> adagio::policy::Learned {
+    let points = random(p, ACTIONS * n);
+    let points = Mat::from_fn(p, ACTIONS * n, |i, j| points[(i, j)] as f32);
+    let instances = Instances::new(points, vec![n; ACTIONS], LOCAL).expect("valid instances");
+    let worth = vec![random(ACTIONS * n, 1)];
+    adagio::policy::Learned::local(1, 0, 0, random_model(x, m, k), Arc::new(instances), worth)
+        .expect("instances that fit the model")
 }
 
 /// What was learned, over `m` support vectors and `k` features, for one task.

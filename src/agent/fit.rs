@@ -1,6 +1,6 @@
 //! The actor that fits policies on new features, for all tasks from the same window of transitions.
 //!
-//! Policy iteration knows the reflexes: what may follow an action is all that it counts on. Without that, the greedy policy
+//! Values know the reflexes: what may follow an action is all that they count on. Without that, the greedy policy
 //! turns a little too far, because it believes that it may turn back, and the reflexes then send it round the whole circle.
 
 use std::collections::BTreeMap;

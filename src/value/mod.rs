@@ -1,4 +1,5 @@
-//! What actions are worth: least-squares temporal differences and policy iteration over given features.
+//! What actions are worth: from the transitions nearby, or linear in given features by least-squares temporal differences and
+//! policy iteration.
 //!
 //! # The problem
 //! An agent in state `x` takes action `a`, receives reward `r` and finds itself in `x′`. A policy `π(a | x)` is worth the
@@ -20,7 +21,8 @@
 //! | how to collect transitions? | [`Batch`], one by one; [`Samples`] and [`Outcomes`] for matrices that exist already |
 //! | what are states worth under the policy that was followed? | [`lstd`]; over trajectories [`LstdLambda`] |
 //! | what are actions worth under a given policy (LSQ)? | [`Lspi::evaluate`] |
-//! | which policy is best? | [`Lspi::fit`], or [`Batch::fit`] |
+//! | which policy is best, where values are linear in the features? | [`Lspi::fit`], or [`Batch::fit`] |
+//! | which policy is best, where features only say what is near? | [`Local::fit`] over [`Instances`] |
 //! | what if it does not settle? | [`LspiOptions::mixing`], with a table of what helps at [`Lspi::fit`]; weights by [`balance`] |
 //! | what does learning on one's own path do? | [`Sarsa`], a counter-example |
 //! | what can be learned with no memory of the past at all? | [`StreamQ`], to compare with |
@@ -28,10 +30,12 @@
 //! | what is the exact answer? | [`FiniteMdp`] and [`exact`], with [`worlds`] to try things on |
 //! | what of the thesis's outlook? | soft actions ([`maximiser_probabilities`]), the policy-dependent norm ([`closeness_weights`]), [`Smoothing`] |
 //!
-//! A [`Policy`] here is a table over numbered states; a [`Fit`] is greedy wherever there are features.
+//! A [`Policy`] here is a table over numbered states; a [`Fit`] of linear values is greedy wherever there are features, one of
+//! local values wherever [`Instances`] are.
 //!
 //! # Reference
-//! Thesis chapter 3; Bradtke & Barto 1996 (LSTD); Boyan 1999 (LSTD(λ)); Lagoudakis & Parr 2003 (LSPI).
+//! Thesis chapter 3; Bradtke & Barto 1996 (LSTD); Boyan 1999 (LSTD(λ)); Lagoudakis & Parr 2003 (LSPI);
+//! Ormoneit & Sen 2002 (kernel-based reinforcement learning).
 //!
 //! # Example
 //! ```
