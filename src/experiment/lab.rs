@@ -18,6 +18,8 @@ use crate::world::{Action, Image, Pose, Robot, Sensor, World, wrap};
 
 /// The scenario of the lab, as it is in the repository.
 const LAB: &str = include_str!("../../scenarios/lab.toml");
+/// The same with five goals.
+const GOALS: &str = include_str!("../../scenarios/goals.toml");
 /// That of the two rooms.
 const TWO_ROOMS: &str = include_str!("../../scenarios/two_rooms.toml");
 
@@ -45,6 +47,14 @@ impl Lab {
     /// Keys that the scenario does not have, or values that it does not allow.
     pub fn new(seed: u64, sets: &[&str]) -> Result<Self, ExperimentError> {
         Lab::of(LAB, "lab.toml", seed, sets)
+    }
+
+    /// The lab with five goals, with some keys changed.
+    ///
+    /// # Errors
+    /// As those of [`Lab::new`].
+    pub fn goals(seed: u64, sets: &[&str]) -> Result<Self, ExperimentError> {
+        Lab::of(GOALS, "goals.toml", seed, sets)
     }
 
     /// The thesis's two-room environment, with some keys changed.

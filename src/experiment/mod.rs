@@ -15,6 +15,7 @@
 //! | [`trajectories`] | figure *robotest* |
 //! | [`selection`] | §2.2.6; Böhmer et al. 2013 |
 //! | [`online`] | none: the stream against the thesis's and other methods |
+//! | [`values`] | none: local values against linear ones |
 //! | [`place_cells`] | §4.2.3; Franzius et al. 2007 |
 
 mod band;
@@ -37,6 +38,7 @@ mod table;
 mod trained;
 pub mod trajectories;
 pub mod two_rooms;
+pub mod values;
 pub mod vision_lspi;
 
 pub use band::{BAND, Band};
@@ -56,6 +58,7 @@ pub const ALL: &[Experiment] = &[
     trajectories::EXPERIMENT,
     selection::EXPERIMENT,
     online::EXPERIMENT,
+    values::EXPERIMENT,
     place_cells::EXPERIMENT,
 ];
 

@@ -1,0 +1,247 @@
+//! `values`: local values beside linear ones, from the same transitions, for goals of different places and sizes.
+//!
+//! What limits a policy can be the values or the features that they are made of: so the same is done with the true pose in place
+//! of slow features. Rewards near walls keep a robot off them and cost steps: so the best values are also tried without.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use faer::{Mat, MatRef};
+use serde::{Deserialize, Serialize};
+
+use super::lab::{Lab, Transition, Walked};
+use super::quality::{Quality, reference_trips};
+use super::trained::{Iteration, Sampled, Trained, Training, quality, train};
+use super::{Band, Bench, Cell, Experiment, ExperimentError, Once, Results, Sizes, Table};
+use crate::evaluate::{Evaluator, Situation, Trip};
+use crate::policy::{Learned, Reflexes, points};
+use crate::value::{Instances, Local, LocalOptions, LocalOutcomes};
+use crate::world::{Action, Pose};
+
+/// The experiment.
+pub const EXPERIMENT: Experiment = Experiment {
+    name: "values",
+    line: "local values against linear ones, over slow features and over the true pose, for five goals",
+    lasts: Sizes { full: "15 min", quick: "5 min", smoke: "seconds" },
+    run,
+};
+
+/// Actions of the walk, all of which are transitions; support vectors.
+const TRAINING: Sizes<(usize, usize)> = Sizes { full: (15_000, 2000), quick: (8000, 1000), smoke: (600, 60) };
+/// Slow features.
+const FEATURES: Sizes<usize> = Sizes { full: 200, quick: 200, smoke: 20 };
+/// Random starts for each goal.
+const STARTS: Sizes<usize> = Sizes { full: 400, quick: 200, smoke: 10 };
+/// What a radian of the heading is beside a metre, for distances between true poses.
+const METRES_PER_RADIAN: f64 = 0.5;
+/// A ridge that leaves no slopes: means.
+const NO_SLOPES: f64 = 1e9;
+
+/// Which values.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Values {
+    /// Linear in all slow features, by policy iteration as the agent does it.
+    Linear,
+    /// Means of the neighbours in the metric of the slowest features.
+    Means,
+    /// Regressions on them: the default.
+    Local,
+    /// Regressions on neighbours in the true pose.
+    Pose,
+    /// The default without rewards near walls.
+    NoWalls,
+}
+
+impl Values {
+    const ALL: [Values; 5] = [Values::Linear, Values::Means, Values::Local, Values::Pose, Values::NoWalls];
+
+    fn name(self) -> &'static str {
+        match self {
+            Values::Linear => "linear in slow features",
+            Values::Means => "means of neighbours",
+            Values::Local => "regressions on neighbours (default)",
+            Values::Pose => "the same in the true pose",
+            Values::NoWalls => "the default, walls not to be avoided",
+        }
+    }
+}
+
+#[derive(Serialize)]
+struct Settings {
+    training: Training,
+    starts: usize,
+    values: Values,
+    options: (usize, f64, usize),
+    metres_per_radian: f64,
+}
+
+struct Prepared {
+    evaluator: Evaluator,
+    /// Trips of the reference policy, by task.
+    reference: Vec<Vec<Trip>>,
+}
+
+/// By values, for each task and seed.
+type Found = BTreeMap<Values, Vec<Vec<Quality>>>;
+
+fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
+    let scope = bench.scope;
+    let ((actions, vectors), features, starts) = (scope.pick(TRAINING), scope.pick(FEATURES), scope.pick(STARTS));
+    let vectors = scope.vectors_or(vectors);
+    bench.plan(scope.seeds.clone().count() * Values::ALL.len());
+    let (mut found, mut goals) = (Found::new(), Vec::new());
+    for seed in scope.seeds.clone() {
+        let lab = Lab::goals(seed, &[])?;
+        goals = lab.scenario.tasks.iter().map(|task| task.name.clone()).collect();
+        let settings = &lab.scenario.value;
+        let training = Training::new(&lab, actions, vectors, features);
+        let (trained, prepared) = (Once::<Trained<'_>>::default(), Once::default());
+        for values in Values::ALL {
+            let of_values = Settings {
+                training: training.clone(),
+                starts,
+                values,
+                options: (settings.neighbours, settings.local_ridge, settings.metric_features),
+                metres_per_radian: METRES_PER_RADIAN,
+            };
+            let qualities: Vec<Quality> =
+                bench.result(&format!("{}, seed {seed}", values.name()), &of_values, || {
+                    let trained = trained.get(|| train(&lab, &training, bench))?;
+                    let prepared = prepared.get(|| {
+                        let evaluator = Evaluator::new(lab.scenario.clone(), lab.world.clone(), starts, seed);
+                        let tasks = 0..lab.scenario.tasks.len();
+                        let reference = tasks.map(|task| reference_trips(&lab, &evaluator, task)).collect();
+                        Ok::<_, ExperimentError>(Prepared { evaluator, reference })
+                    })?;
+                    tried(trained, prepared, values, bench)
+                })?;
+            found.entry(values).or_default().push(qualities);
+        }
+    }
+    Ok(Results {
+        tables: vec![table(&found, &goals)],
+        notes: vec![format!(
+            "Success of {starts} random starts for each goal of scenarios/goals.toml, and convergence quality against the optimal number \
+             of steps; {actions} transitions of a random walk, {vectors} support vectors aimed at."
+        )],
+        plots: Vec::new(),
+    })
+}
+
+/// What the policies of all tasks come to.
+fn tried(
+    trained: &Trained<'_>,
+    prepared: &Prepared,
+    values: Values,
+    bench: &Bench<'_>,
+) -> Result<Vec<Quality>, ExperimentError> {
+    let Prepared { evaluator, reference } = prepared;
+    let (lab, count) = (trained.lab, trained.walked.actions.len());
+    let reflexes = Iteration::Ours.reflexes(lab);
+    let gamma = lab.scenario.value.gamma;
+    let tasks = 0..lab.scenario.tasks.len();
+    if values == Values::Linear {
+        let sampled = Sampled::new(trained, count, Iteration::Ours, bench)?;
+        let of_task = |task: usize| {
+            let fit = sampled.fit(trained.model.features(), task, Iteration::Ours)?;
+            quality(trained, &fit, (evaluator, task), reflexes, &reference[task])
+        };
+        return tasks.map(of_task).collect();
+    }
+    let settings = &lab.scenario.value;
+    let ridge = if values == Values::Means { NO_SLOPES } else { settings.local_ridge };
+    let options = LocalOptions { neighbours: settings.neighbours, ridge };
+    let mut transitions = trained.walked.spread(count);
+    transitions.sort_by_key(|t| t.action.index());
+    let at = |frame: fn(&Transition) -> usize| -> Result<Mat<f32>, ExperimentError> {
+        let frames: Vec<usize> = transitions.iter().map(frame).collect();
+        if values == Values::Pose {
+            let points = frames.iter().map(|&frame| point(&trained.walked.poses[frame])).collect::<Vec<_>>();
+            return Ok(Mat::from_fn(4, points.len(), |i, j| points[j][i]));
+        }
+        let phi = trained.features_at(&frames, bench)?;
+        Ok(points(&trained.model, phi.as_ref(), settings.metric_features))
+    };
+    let counts = Action::ALL.iter().map(|action| transitions.iter().filter(|t| t.action == *action).count()).collect();
+    let instances = Arc::new(Instances::new(at(|t| t.from)?, counts, options)?);
+    let local = Local::new(&instances, at(|t| t.to)?.as_ref())?;
+    let worth = |task| worth(lab, &trained.walked, &transitions, &local, (task, values != Values::NoWalls), reflexes);
+    let worths: Result<Vec<Mat<f64>>, ExperimentError> = tasks.clone().map(worth).collect();
+    let worths = worths?;
+    let of_trips = |task: usize, trips: Vec<Trip>| Quality::of(&trips, &reference[task], gamma);
+    if values == Values::Pose {
+        let of_task = |task: usize| {
+            let worth: Vec<f64> = worths[task].col(0).iter().copied().collect();
+            let choose = |situation: &Situation<'_>| {
+                let point = point(situation.pose);
+                let point = Mat::from_fn(4, 1, |i, _| point[i]);
+                reflexes.best(values_at(&instances, &worth, point.as_ref()), situation.recent).0
+            };
+            of_trips(task, evaluator.trips(task, false, &choose))
+        };
+        return Ok(tasks.map(of_task).collect());
+    }
+    let learned = Learned::local(1, 0, 0, trained.model.clone(), instances, worths)?;
+    let of_task = |task: usize| {
+        let choose = |situation: &Situation<'_>| {
+            // These trips have a camera.
+            let values = situation.seen.map_or([0.0; 3], |seen| learned.q_values(seen, task));
+            reflexes.best(values, situation.recent).0
+        };
+        of_trips(task, evaluator.trips(task, true, &choose))
+    };
+    Ok(tasks.map(of_task).collect())
+}
+
+fn worth(
+    lab: &Lab,
+    walked: &Walked,
+    transitions: &[Transition],
+    local: &Local<'_>,
+    (task, walls): (usize, bool),
+    reflexes: Reflexes,
+) -> Result<Mat<f64>, ExperimentError> {
+    let mut rewards = walked.rewards(lab, task, transitions);
+    if !walls {
+        rewards.iter_mut().for_each(|reward| *reward = reward.max(0.0));
+    }
+    let allowed: Vec<u32> = transitions.iter().map(|t| t.allows(reflexes)).collect();
+    let ended = vec![false; rewards.len()];
+    let outcomes = LocalOutcomes { rewards: &rewards, allowed: &allowed, ended: &ended };
+    Ok(local.fit(&outcomes, lab.scenario.value.gamma)?.weights)
+}
+
+fn values_at(instances: &Instances, worth: &[f64], point: MatRef<'_, f32>) -> [f64; 3] {
+    // A pose is finite, and so are the values then.
+    let told = instances.action_values(&[worth], point).unwrap_or_default();
+    told.first().map_or([0.0; 3], |q| [q[(0, 0)], q[(1, 0)], q[(2, 0)]])
+}
+
+/// A pose as a point.
+fn point(pose: &Pose) -> [f32; 4] {
+    let (place, ahead) = (pose.position, METRES_PER_RADIAN * pose.direction());
+    [place.x as f32, place.y as f32, ahead.x as f32, ahead.y as f32]
+}
+
+fn table(found: &Found, goals: &[String]) -> Table {
+    let columns = ["values", "goal", "success", "steps", "extra", "quality"];
+    let mut table = Table::new("Values from the same transitions", &columns);
+    for (values, by_seed) in found {
+        for (task, goal) in goals.iter().enumerate() {
+            let band = |of: &dyn Fn(&Quality) -> Option<f64>| {
+                Band::of(&by_seed.iter().filter_map(|qualities| of(&qualities[task])).collect::<Vec<_>>())
+            };
+            let cells = vec![
+                Cell::text(values.name()),
+                Cell::text(goal.as_str()),
+                Cell::band(band(&|quality| Some(quality.success)), 3),
+                Cell::band(band(&|quality| quality.steps), 2),
+                Cell::band(band(&|quality| quality.extra), 2),
+                Cell::band(band(&|quality| Some(quality.quality)), 3),
+            ];
+            table.push(cells, "not in the thesis");
+        }
+    }
+    table
+}
