@@ -10,11 +10,13 @@ use faer::{Mat, MatRef};
 use serde::{Deserialize, Serialize};
 
 use super::lab::{Lab, Transition, Walked};
+use super::plot::{Line, chart};
 use super::quality::{Quality, reference_trips};
 use super::trained::{Iteration, Sampled, Trained, Training, quality, train};
 use super::{Band, Bench, Cell, Experiment, ExperimentError, Once, Results, Sizes, Table};
 use crate::evaluate::{Evaluator, Situation, Trip};
 use crate::policy::{Learned, Reflexes, points};
+use crate::report::draw::Axis;
 use crate::value::{Instances, Local, LocalOptions, LocalOutcomes};
 use crate::world::{Action, Pose};
 
@@ -26,8 +28,11 @@ pub const EXPERIMENT: Experiment = Experiment {
     run,
 };
 
-/// Actions of the walk, all of which are transitions; support vectors.
+/// Actions of the walk; support vectors.
 const TRAINING: Sizes<(usize, usize)> = Sizes { full: (15_000, 2000), quick: (8000, 1000), smoke: (600, 60) };
+/// Transitions, spread over the walk.
+const TRANSITIONS: Sizes<&[usize]> =
+    Sizes { full: &[1000, 2000, 5000, 15_000], quick: &[1000, 2000, 8000], smoke: &[200, 600] };
 /// Slow features.
 const FEATURES: Sizes<usize> = Sizes { full: 200, quick: 200, smoke: 20 };
 /// Random starts for each goal.
@@ -71,6 +76,7 @@ impl Values {
 struct Settings {
     training: Training,
     starts: usize,
+    transitions: usize,
     values: Values,
     options: (usize, f64, usize),
     metres_per_radian: f64,
@@ -82,14 +88,15 @@ struct Prepared {
     reference: Vec<Vec<Trip>>,
 }
 
-/// By values, for each task and seed.
-type Found = BTreeMap<Values, Vec<Vec<Quality>>>;
+/// By values and number of transitions, for each seed and task.
+type Found = BTreeMap<(Values, usize), Vec<Vec<Quality>>>;
 
 fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     let scope = bench.scope;
     let ((actions, vectors), features, starts) = (scope.pick(TRAINING), scope.pick(FEATURES), scope.pick(STARTS));
     let vectors = scope.vectors_or(vectors);
-    bench.plan(scope.seeds.clone().count() * Values::ALL.len());
+    let counts = scope.pick(TRANSITIONS);
+    bench.plan(scope.seeds.clone().count() * Values::ALL.len() * counts.len());
     let (mut found, mut goals) = (Found::new(), Vec::new());
     for seed in scope.seeds.clone() {
         let lab = Lab::goals(seed, &[])?;
@@ -97,16 +104,17 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
         let settings = &lab.scenario.value;
         let training = Training::new(&lab, actions, vectors, features);
         let (trained, prepared) = (Once::<Trained<'_>>::default(), Once::default());
-        for values in Values::ALL {
+        for (values, &count) in Values::ALL.iter().flat_map(|&values| counts.iter().map(move |count| (values, count))) {
             let of_values = Settings {
                 training: training.clone(),
                 starts,
+                transitions: count,
                 values,
                 options: (settings.neighbours, settings.local_ridge, settings.metric_features),
                 metres_per_radian: METRES_PER_RADIAN,
             };
             let qualities: Vec<Quality> =
-                bench.result(&format!("{}, seed {seed}", values.name()), &of_values, || {
+                bench.result(&format!("{}, {count} transitions, seed {seed}", values.name()), &of_values, || {
                     let trained = trained.get(|| train(&lab, &training, bench))?;
                     let prepared = prepared.get(|| {
                         let evaluator = Evaluator::new(lab.scenario.clone(), lab.world.clone(), starts, seed);
@@ -114,18 +122,18 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
                         let reference = tasks.map(|task| reference_trips(&lab, &evaluator, task)).collect();
                         Ok::<_, ExperimentError>(Prepared { evaluator, reference })
                     })?;
-                    tried(trained, prepared, values, bench)
+                    tried(trained, prepared, (values, count), bench)
                 })?;
-            found.entry(values).or_default().push(qualities);
+            found.entry((values, count)).or_default().push(qualities);
         }
     }
     Ok(Results {
         tables: vec![table(&found, &goals)],
         notes: vec![format!(
             "Success of {starts} random starts for each goal of scenarios/goals.toml, and convergence quality against the optimal number \
-             of steps; {actions} transitions of a random walk, {vectors} support vectors aimed at."
+             of steps; transitions are spread over a random walk of {actions} actions, {vectors} support vectors were aimed at."
         )],
-        plots: Vec::new(),
+        plots: vec![("quality.svg".into(), plot(&found)?)],
     })
 }
 
@@ -133,11 +141,11 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
 fn tried(
     trained: &Trained<'_>,
     prepared: &Prepared,
-    values: Values,
+    (values, count): (Values, usize),
     bench: &Bench<'_>,
 ) -> Result<Vec<Quality>, ExperimentError> {
     let Prepared { evaluator, reference } = prepared;
-    let (lab, count) = (trained.lab, trained.walked.actions.len());
+    let lab = trained.lab;
     let reflexes = Iteration::Ours.reflexes(lab);
     let gamma = lab.scenario.value.gamma;
     let tasks = 0..lab.scenario.tasks.len();
@@ -225,15 +233,16 @@ fn point(pose: &Pose) -> [f32; 4] {
 }
 
 fn table(found: &Found, goals: &[String]) -> Table {
-    let columns = ["values", "goal", "success", "steps", "extra", "quality"];
+    let columns = ["values", "transitions", "goal", "success", "steps", "extra", "quality"];
     let mut table = Table::new("Values from the same transitions", &columns);
-    for (values, by_seed) in found {
+    for ((values, count), by_seed) in found {
         for (task, goal) in goals.iter().enumerate() {
             let band = |of: &dyn Fn(&Quality) -> Option<f64>| {
                 Band::of(&by_seed.iter().filter_map(|qualities| of(&qualities[task])).collect::<Vec<_>>())
             };
             let cells = vec![
                 Cell::text(values.name()),
+                Cell::count(*count),
                 Cell::text(goal.as_str()),
                 Cell::band(band(&|quality| Some(quality.success)), 3),
                 Cell::band(band(&|quality| quality.steps), 2),
@@ -244,4 +253,19 @@ fn table(found: &Found, goals: &[String]) -> Table {
         }
     }
     table
+}
+
+/// Quality by the number of transitions, mean over the goals.
+fn plot(found: &Found) -> Result<String, ExperimentError> {
+    let mean = |qualities: &Vec<Quality>| {
+        qualities.iter().map(|quality| quality.quality).sum::<f64>() / qualities.len().max(1) as f64
+    };
+    let line = |(colour, values): (usize, Values)| {
+        let points = found.iter().filter(|((of, _), _)| *of == values);
+        let band = |by_seed: &Vec<Vec<Quality>>| Band::of(&by_seed.iter().map(mean).collect::<Vec<_>>());
+        Line::new(values.name(), colour, points.map(|((_, count), by_seed)| (*count as f64, band(by_seed))))
+    };
+    let lines: Vec<Line> = Values::ALL.into_iter().enumerate().map(line).collect();
+    let axes = (&Axis::log("transitions"), &Axis::new("convergence quality C").within(0.0, 1.0));
+    Ok(chart("Convergence quality by the number of transitions, mean over five goals", axes, &lines)?)
 }
