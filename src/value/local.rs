@@ -1,4 +1,4 @@
-//! Local values: what an action is worth, told by the transitions nearby in which it was instances.
+//! Local values: what an action is worth, told by the transitions nearby in which it was tried.
 //!
 //! Least-squares policy iteration finds values in the span of a few smooth features: a goal that is smaller than their
 //! wavelength is lost. Here features only say which states are near each other. The value of an action is a local linear
@@ -277,11 +277,14 @@ impl<'a> Local<'a> {
     /// they settled is in the result; regressions, unlike averages, are no contraction.
     ///
     /// # Errors
-    /// Lists of other lengths than there are transitions, one after which nothing may follow, rewards that are not finite, γ
-    /// outside [0, 1).
+    /// Lists of other lengths than there are transitions, one after which nothing may follow, more than 32 actions, rewards that
+    /// are not finite, γ outside [0, 1).
     pub fn fit(&self, outcomes: &LocalOutcomes<'_>, gamma: f64) -> Result<Fit, ValueError> {
         let (n, actions) = (self.instances.len(), self.instances.counts.len());
         discount(gamma)?;
+        if actions > u32::BITS as usize {
+            return Err(ValueError::AllowedBits(actions));
+        }
         let lengths =
             [("rewards", outcomes.rewards.len()), ("allowed", outcomes.allowed.len()), ("ended", outcomes.ended.len())];
         for (what, found) in lengths {
@@ -400,6 +403,11 @@ mod tests {
         assert!(matches!(local.fit(&outcomes, 0.9), Err(ValueError::NothingAllowed { index: 0, actions: 2 })));
         assert!(local.fit(&LocalOutcomes { allowed: &[3; 22], ..outcomes }, 1.0).is_err());
         assert!(instances.action_values(&[&[0.0; 3]], after.as_ref()).is_err());
+        let mut many = vec![0; 33];
+        many[32] = 22;
+        let instances = Instances::new(after.clone(), many, OPTIONS).unwrap();
+        let local = Local::new(&instances, after.as_ref()).unwrap();
+        assert_eq!(local.fit(&outcomes, 0.9).unwrap_err(), ValueError::AllowedBits(33));
     }
 
     #[test]
