@@ -81,7 +81,8 @@ try {
         return [box.left + px, box.top + py];
     }, place);
     await page.mouse.click(left, top);
-    await page.waitForFunction(() => document.getElementById('message').className === 'good' && !moving, null, { timeout: deadline });
+    // The answer, not the hint that stood there before the click.
+    await page.waitForFunction(() => !moving && document.getElementById('message').textContent !== '', null, { timeout: deadline });
     seen.goal = { place, message: await page.textContent('#message'), waiting: await page.evaluate(async () => (await call('/now')).moves) };
 
     await page.click('#pause');

@@ -359,6 +359,7 @@ $('map').onclick = async (event) => {
   const [x, y] = view(box.width, box.height).from(event.clientX - box.left, event.clientY - box.top);
   const task = chosen;
   moving = false;
+  say('');
   if (await press('/goal', { task: now.tasks[task].name, x, y })) {
     asked = { task, x, y };
     say(`The goal of ${now.tasks[task].name} shall be at (${x.toFixed(2)}, ${y.toFixed(2)}) m.`, true);
