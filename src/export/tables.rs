@@ -4,6 +4,7 @@ use std::io;
 use std::path::Path;
 
 use faer::{MatRef, Par};
+use rayon::prelude::*;
 
 use super::npz::{Array, Written};
 use crate::log::messages::{Decision, DictionaryGrowth, Evaluation, ModelUpdate, Transition};
@@ -196,10 +197,10 @@ impl Features {
     pub fn add(&mut self, learned: &Learned, observations: &[Observation]) -> io::Result<()> {
         let x = columns(observations.iter());
         let features = learned.features(x.as_ref(), Par::Seq);
-        for (j, observation) in observations.iter().enumerate() {
+        let values: Vec<_> = observations.par_iter().map(|seen| learned.q_values_of_all_tasks(seen)).collect();
+        for (j, values) in values.iter().enumerate() {
             self.features.push(&column(features.as_ref(), j))?;
-            let values = (0..learned.weights.len()).flat_map(|task| learned.q_values(observation, task));
-            self.q_values.push(&values.collect::<Vec<f64>>())?;
+            self.q_values.push(values.as_flattened())?;
         }
         Ok(())
     }

@@ -148,13 +148,27 @@ impl Learned {
     pub fn q_values(&self, observation: &Observation, task: usize) -> [f64; 3] {
         match &self.values {
             Values::Linear(values) => values.of(observation, task),
-            Values::Local(points) => {
-                let point = points.of(observation);
-                let point = Mat::from_fn(point.len(), 1, |i, _| point[i] as f32);
-                let q = &self.told(point.as_ref(), task..task + 1)[0];
-                [q[(0, 0)], q[(1, 0)], q[(2, 0)]]
-            }
+            Values::Local(points) => self.told_at(points, observation, task..task + 1)[0],
         }
+    }
+
+    /// Q-values of an observation for every task: the same as [`Learned::q_values`] of each, at the cost of one where values are
+    /// local.
+    ///
+    /// # Panics
+    /// If the observation is not of the size that the scenario sets, see [`Learned::features`].
+    pub fn q_values_of_all_tasks(&self, observation: &Observation) -> Vec<[f64; 3]> {
+        match &self.values {
+            Values::Linear(values) => (0..self.weights.len()).map(|task| values.of(observation, task)).collect(),
+            Values::Local(points) => self.told_at(points, observation, 0..self.weights.len()),
+        }
+    }
+
+    /// Local values of some tasks for what the camera sees.
+    fn told_at(&self, points: &PixelPoints, observation: &Observation, tasks: Range<usize>) -> Vec<[f64; 3]> {
+        let point = points.of(observation);
+        let point = Mat::from_fn(point.len(), 1, |i, _| point[i] as f32);
+        self.told(point.as_ref(), tasks).iter().map(|q| [q[(0, 0)], q[(1, 0)], q[(2, 0)]]).collect()
     }
 
     /// Q-values of observations for all tasks from their features: `phi: f × n` gives `3 × n` for each.

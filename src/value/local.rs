@@ -127,10 +127,13 @@ impl Instances {
             return Err(ValueError::Length { what: "worth", found: worth.len(), expected: self.len() });
         }
         let mut values = vec![Mat::zeros(self.counts.len(), points.ncols()); worths.len()];
-        for a in 0..self.counts.len() {
-            for (j, near) in self.neighbours(a, points).into_iter().enumerate() {
-                for (values, worth) in values.iter_mut().zip(worths) {
-                    values[(a, j)] = told(&near, worth);
+        for start in (0..points.ncols()).step_by(AT_ONCE) {
+            let block = points.subcols(start, AT_ONCE.min(points.ncols() - start));
+            for a in 0..self.counts.len() {
+                for (j, near) in self.neighbours(a, block).into_iter().enumerate() {
+                    for (values, worth) in values.iter_mut().zip(worths) {
+                        values[(a, start + j)] = told(&near, worth);
+                    }
                 }
             }
         }
@@ -159,22 +162,26 @@ impl Instances {
         let of_action = self.points.as_ref().subcols(places.start, places.len());
         let mut products = Mat::zeros(of_action.ncols(), points.ncols());
         matmul(products.as_mut(), Accum::Replace, of_action.transpose(), points, 1.0, Par::Seq);
-        let mut distances: Vec<(f32, u32)> = Vec::with_capacity(places.len());
+        // One more than needed: the distance of that one is where weights end.
+        let kept = (self.options.neighbours + 1).min(places.len());
+        let norms = &self.norms[places.clone()];
         let near = |j: usize| {
-            distances.clear();
-            // Up to the norm of the point itself, which is the same for all.
-            let distance =
-                |i: usize| (self.norms[places.start + i] - 2.0 * products[(i, j)], (places.start + i) as u32);
-            distances.extend((0..places.len()).map(distance));
-            let order = |a: &(f32, u32), b: &(f32, u32)| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
-            // One more than needed: the distance of that one is where weights end.
-            let kept = (self.options.neighbours + 1).min(distances.len());
-            if kept < distances.len() {
-                distances.select_nth_unstable_by(kept - 1, order);
+            // Nearest first; of equal ones the first ones stay. Few of all come in, so that this takes less than the products.
+            let mut nearest: Vec<(f32, u32)> = Vec::with_capacity(kept + 1);
+            let mut farthest = f32::INFINITY;
+            for (i, (&norm, &product)) in norms.iter().zip(products.col(j).iter()).enumerate() {
+                // Up to the norm of the point itself, which is the same for all.
+                let distance = norm - 2.0 * product;
+                if distance < farthest || nearest.len() < kept {
+                    let place = nearest.partition_point(|&(nearer, _)| nearer <= distance);
+                    nearest.insert(place, (distance, (places.start + i) as u32));
+                    nearest.truncate(kept);
+                    if nearest.len() == kept {
+                        farthest = nearest[kept - 1].0;
+                    }
+                }
             }
-            distances.truncate(kept);
-            let nearest = distances.iter().map(|&(_, place)| place).collect();
-            self.regress(nearest, points, j)
+            self.regress(nearest.into_iter().map(|(_, place)| place).collect(), points, j)
         };
         (0..points.ncols()).map(near).collect()
     }
