@@ -40,7 +40,7 @@ fn assert_fault(text: &str, sets: &[&str], key: &str, parts: &[&str]) {
 
 #[test]
 fn the_scenarios_that_come_along_are_valid_and_complete_files_mean_the_same() {
-    for name in ["scenarios/lab.toml", "scenarios/smoke.toml"] {
+    for name in ["scenarios/lab.toml", "scenarios/smoke.toml", "scenarios/distractors.toml", "scenarios/goals.toml"] {
         let scenario = Scenario::load(&package_file(name), &[]).unwrap();
         let again = Scenario::parse(&scenario.text, Path::new("again.toml"), &[]).unwrap();
         assert_eq!(again, scenario, "{name}");
@@ -58,7 +58,8 @@ fn the_lab_is_the_one_of_the_thesis() {
     assert!(lab.world.walls.iter().all(|wall| wall.height == 0.9));
     assert_eq!((lab.tasks[0].goal, lab.tasks[0].radius), ([1.5, 0.9], 0.20));
     assert_eq!((lab.tasks[1].goal, lab.tasks[1].radius), ([2.4, 0.6], 0.45));
-    assert!(lab.tasks.iter().all(|task| (task.reward, task.wall_reward, task.wall_distance) == (1.0, -1.0, 0.5)));
+    // All but its reward near walls, −1 within 0.5 m, which costs steps between walls (docs/navigation.md).
+    assert!(lab.tasks.iter().all(|task| (task.reward, task.wall_reward, task.wall_distance) == (1.0, -0.3, 0.4)));
     assert!(lab.actions <= 15_000);
 }
 

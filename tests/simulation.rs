@@ -89,8 +89,9 @@ fn walls_stop_the_robot_at_its_radius() {
 }
 
 #[test]
-fn rewards_are_those_of_the_thesis() {
-    let (scenario, world) = lab(&[]);
+fn rewards_are_those_of_the_goal_and_near_walls() {
+    // The thesis's, −1 within 0.5 m, for the first task; the default for the second.
+    let (scenario, world) = lab(&["task.0.wall_reward=-1", "task.0.wall_distance=0.5"]);
     let reward = |task: usize, x: f64, y: f64| world.reward(&scenario.tasks[task], Point2::new(x, y));
     assert_eq!(reward(0, 1.5, 0.9), 1.0);
     assert_eq!(reward(0, 1.69, 0.9), 1.0);
@@ -99,7 +100,8 @@ fn rewards_are_those_of_the_thesis() {
     assert_eq!(reward(0, 1.5, 0.51), 0.0);
     // Inside the goal, near a wall: the goal counts.
     assert_eq!(reward(1, 2.4, 0.3), 1.0);
-    assert_eq!(reward(1, 0.4, 0.9), -1.0);
+    assert_eq!(reward(1, 0.39, 0.9), -0.3);
+    assert_eq!(reward(1, 0.41, 0.9), 0.0);
 }
 
 #[test]
@@ -159,6 +161,45 @@ fn a_lens_hardly_above_the_floor_sees_floor_below_the_horizon() {
 }
 
 /// Poses all over the room.
+#[test]
+fn distractors_hide_what_is_behind_them_and_are_hidden_by_walls() {
+    let world = |text: &str| {
+        let lab = std::fs::read_to_string(package_file("scenarios/lab.toml")).unwrap();
+        let sets = ["camera.detail=full".to_owned()];
+        World::new(&Scenario::parse(&(lab + text), std::path::Path::new("test.toml"), &sets).unwrap()).unwrap()
+    };
+    let red = "\n[[world.distractor]]\nhue = 0.0\nblink_seconds = 4.0\n";
+    let (bare, near) = (world(""), world(&(red.to_owned() + "path = [[2.0, 0.9], [2.0, 1.9]]\nradius = 0.2\n")));
+    let pose = Pose::new(Point2::new(0.5, 0.9), 0.0);
+    let differs = |image: &Image, column: usize, row: usize| {
+        let at = 3 * (320 * row + column);
+        image.rgb[at..at + 3] != bare.looks.render(&pose, 0).rgb[at..at + 3]
+    };
+    let seen = near.looks.render(&pose, 0);
+    // 1.5 m ahead its side is seen at asin(0.2 / 1.5) to both sides.
+    let focal = 160.0 / 33f64.to_radians().tan();
+    let half = focal * (0.2f64 / 1.5).asin().tan();
+    let edge = (160.0 - half) as usize;
+    assert!(!differs(&seen, edge - 2, 130) && differs(&seen, edge + 2, 130) && differs(&seen, 318 - edge, 130));
+    // It stands on the floor, 1.3 m away where it is nearest, and the lens is 0.5 m above it.
+    let foot = 120.0 + focal * 0.5 / 1.3;
+    assert!(differs(&seen, 160, foot as usize - 2) && !differs(&seen, 160, foot as usize + 2));
+    // After four seconds it is dark and 2 m farther on its way to and fro of 2 m: where it was.
+    let dark = near.looks.render(&pose, 20);
+    let at = 3 * (320 * 130 + 160);
+    assert!(seen.rgb[at] > 200 && dark.rgb[at] < 60, "{} {}", seen.rgb[at], dark.rgb[at]);
+    // A trial that is four seconds ahead sees the same.
+    let mut later = Image::default();
+    near.looks.render_into(&pose, 0, 20, &mut later);
+    assert_eq!(later.rgb, dark.rgb);
+    // Behind the wall 2.5 m ahead, 0.9 m high: from 0.5 m above the floor its top is seen at 1.7 m alone.
+    let behind = world(&(red.to_owned() + "path = [[4.0, 0.9], [4.0, 1.9]]\nradius = 0.2\n"));
+    let seen = behind.looks.render(&pose, 0);
+    let (wall, top) = (120.0 - focal * 0.4 / 2.5, 120.0 - focal * 1.2 / 3.3);
+    assert!(!differs(&seen, 160, wall as usize + 2) && differs(&seen, 160, wall as usize - 2));
+    assert!(differs(&seen, 160, top as usize + 2) && !differs(&seen, 160, top as usize - 2));
+}
+
 fn poses(count: u32) -> Vec<Pose> {
     let pose = |i| {
         let share = |step: f64| (f64::from(i) * step).fract();

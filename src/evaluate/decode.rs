@@ -66,7 +66,8 @@ pub fn decode_pose(
         .enumerate()
         .map_init(Image::default, |image, (index, pose)| {
             let noise = stream(seed, &format!("evaluate: camera of pose {index}"));
-            world.looks.camera(frame).render_into(pose, image);
+            let later = (index * scenario.robot.frames_per_action) as u64;
+            world.looks.render_into(pose, frame, later, image);
             Sensor::new(scenario, scenario.robot.frame_seconds(), noise).expose(image, world.looks.light(frame));
             observe(image, &scenario.vision, index as u64)
         })

@@ -4,6 +4,7 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use faer::{Mat, Par};
 use nalgebra::Point2;
+use rand::RngExt;
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -13,6 +14,9 @@ use crate::random::{fix_parallelism, stream};
 use crate::scenario::{Happens, Scenario, Task};
 use crate::vision::{Observation, Observer, observe};
 use crate::world::{Action, Image, Pose, Robot, Sensor, World, in_goal};
+
+/// Trials begin this many frames later at most, as far as distractors go: each finds them somewhere else.
+const LATEST: u64 = 100_000;
 
 /// Results of one task, as in `report.json`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -93,6 +97,8 @@ struct Trial {
     sensor: Sensor,
     observer: Observer,
     seen: Observation,
+    /// Frames by which distractors are ahead of those of the run.
+    later: u64,
     recent: Recent,
     actions: Vec<Action>,
     poses: Vec<Pose>,
@@ -336,6 +342,7 @@ impl Evaluator {
                 sensor,
                 observer: Observer::default(),
                 seen: Observation { frame: index as u64, pixels: Vec::new() },
+                later: noise("distractors").random_range(0..LATEST),
                 recent: Recent::default(),
                 actions: Vec::new(),
                 poses: vec![pose],
@@ -347,7 +354,8 @@ impl Evaluator {
 
     /// What a robot sees from where it is, in place of what it saw before, in the world as it looks at a frame.
     fn look(&self, trial: &mut Trial, image: &mut Image, frame: u64) {
-        self.world.looks.camera(frame).render_into(&trial.robot.pose, image);
+        let gone = trial.actions.len() * self.scenario.robot.frames_per_action;
+        self.world.looks.render_into(&trial.robot.pose, frame, trial.later + gone as u64, image);
         trial.sensor.expose(image, self.world.looks.light(frame));
         trial.observer.observe(image, &self.scenario.vision, &mut trial.seen.pixels);
     }

@@ -23,6 +23,12 @@ const GOALS: &str = include_str!("../../scenarios/goals.toml");
 /// That of the two rooms.
 const TWO_ROOMS: &str = include_str!("../../scenarios/two_rooms.toml");
 
+/// What the thesis gave its robot near walls (§5.3): −1 within 0.5 m.
+fn thesis_rewards(tasks: usize) -> Vec<String> {
+    let of_task = |task| [format!("task.{task}.wall_reward=-1"), format!("task.{task}.wall_distance=0.5")];
+    (0..tasks).flat_map(of_task).collect()
+}
+
 /// Frames of the thesis's video, at about one a second (§5.2).
 pub const FRAMES: usize = 35_128;
 /// Transitions of the thesis's training set (§5.3).
@@ -41,20 +47,20 @@ pub struct Lab {
 }
 
 impl Lab {
-    /// The lab with some keys changed.
+    /// The lab with the thesis's rewards and some keys changed.
     ///
     /// # Errors
     /// Keys that the scenario does not have, or values that it does not allow.
     pub fn new(seed: u64, sets: &[&str]) -> Result<Self, ExperimentError> {
-        Lab::of(LAB, "lab.toml", seed, sets)
+        Lab::of(LAB, "lab.toml", seed, thesis_rewards(2), sets)
     }
 
-    /// The lab with five goals, with some keys changed.
+    /// The lab with five goals and the thesis's rewards, with some keys changed.
     ///
     /// # Errors
     /// As those of [`Lab::new`].
     pub fn goals(seed: u64, sets: &[&str]) -> Result<Self, ExperimentError> {
-        Lab::of(GOALS, "goals.toml", seed, sets)
+        Lab::of(GOALS, "goals.toml", seed, thesis_rewards(5), sets)
     }
 
     /// The thesis's two-room environment, with some keys changed.
@@ -62,12 +68,13 @@ impl Lab {
     /// # Errors
     /// As those of [`Lab::new`].
     pub fn two_rooms(seed: u64, sets: &[&str]) -> Result<Self, ExperimentError> {
-        Lab::of(TWO_ROOMS, "two_rooms.toml", seed, sets)
+        Lab::of(TWO_ROOMS, "two_rooms.toml", seed, Vec::new(), sets)
     }
 
-    fn of(text: &str, name: &str, seed: u64, sets: &[&str]) -> Result<Self, ExperimentError> {
+    fn of(text: &str, name: &str, seed: u64, rewards: Vec<String>, sets: &[&str]) -> Result<Self, ExperimentError> {
         let fixed = [format!("seed={seed}"), "robot.frames_per_action=1".into(), "camera.detail=vision".into()];
-        let sets: Vec<String> = fixed.into_iter().chain(sets.iter().map(|&set| set.to_owned())).collect();
+        let sets: Vec<String> =
+            fixed.into_iter().chain(rewards).chain(sets.iter().map(|&set| set.to_owned())).collect();
         let scenario = Scenario::parse(text, Path::new(name), &sets)?;
         let world = Arc::new(World::new(&scenario)?);
         Ok(Lab { scenario: Arc::new(scenario), world })

@@ -224,7 +224,7 @@ impl Lookout {
     /// What the camera sees at a pose, without the noise of its sensor: the log keeps what vision made of it alone.
     pub fn camera(&self, frame: u64, pose: &Pose) -> Option<Picture> {
         let (_, world) = self.room.as_ref().filter(|_| self.simulated)?;
-        let image = world.looks.camera(frame).render(pose);
+        let image = world.looks.render(pose, frame);
         let light = world.looks.light(frame);
         let every = image.width.div_ceil(WIDEST).max(1);
         let (width, height) = (image.width / every, image.height / every);

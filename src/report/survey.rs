@@ -94,7 +94,7 @@ impl Survey {
             Looks::new(&scenario).ok()
         });
         let own = own.flatten();
-        let camera = own.as_ref().unwrap_or(&world.looks).camera(learned.asked_at + 1);
+        let (seen_by, frame) = (own.as_ref().unwrap_or(&world.looks), learned.asked_at + 1);
         let places: Vec<[f64; 2]> = grid.points().collect();
         let inside: Vec<usize> = (0..places.len()).filter(|&i| world.plan.is_reachable(places[i].into())).collect();
         let shown = FEATURES.min(learned.model.slowness.len());
@@ -102,7 +102,7 @@ impl Survey {
             let poses = block.iter().flat_map(|&i| (0..HEADINGS).map(move |h| (i, h)));
             let seen: Vec<Observation> = poses
                 .map(|(i, h)| {
-                    camera.render_into(&Pose::new(places[i].into(), angle(h)), image);
+                    seen_by.render_into(&Pose::new(places[i].into(), angle(h)), frame, 0, image);
                     observe(image, &scenario.vision, 0)
                 })
                 .collect();

@@ -6,6 +6,7 @@
 
 mod change;
 mod checks;
+mod distractors;
 mod keys;
 mod plan;
 mod pyramids;
@@ -14,6 +15,7 @@ mod sections;
 mod topics;
 
 pub use change::{Change, Happens};
+pub use distractors::Distractor;
 pub use keys::Fault;
 pub(crate) use plan::nearest;
 pub use plan::{Plan, PlanFault, pieces_of as plan_pieces, segments_of as plan_segments};

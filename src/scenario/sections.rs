@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::Topics;
 use super::change::Change;
+use super::distractors::Distractor;
 use super::keys::{Range, Reader, Section};
 use super::pyramids::Pyramid;
 use super::rooms::{Room, walls_of};
@@ -60,6 +61,8 @@ pub struct World {
     pub walls: Vec<Wall>,
     /// `[[world.pyramid]]`
     pub pyramids: Vec<Pyramid>,
+    /// `[[world.distractor]]`
+    pub distractors: Vec<Distractor>,
     /// `[world.floor]`
     pub floor: Texture,
     /// `[world.surroundings]`: what is seen above the walls, far away.
@@ -462,7 +465,7 @@ impl Scenario {
             )
         });
         reader.section("world", "what the robot drives in", |s| {
-            s.allow_sections(&["room", "wall", "pyramid", "floor", "surroundings"]);
+            s.allow_sections(&["room", "wall", "pyramid", "distractor", "floor", "surroundings"]);
         });
         let rooms = reader.sections("world.room", "a rectangle of floor; rooms that touch or overlap are joined", {
             |s, index| Room::read(s, base, index)
@@ -476,6 +479,11 @@ impl Scenario {
         });
         walls.extend(walls_of(&rooms));
         let pyramids = reader.sections("world.pyramid", "stands outside, far away", Pyramid::read);
+        let distractors = reader.sections(
+            "world.distractor",
+            "moves or blinks whatever the robot does; seen and not felt",
+            Distractor::read,
+        );
         let floor = reader.section("world.floor", "", |s| Texture::read(s, base, Defaults::FLOOR));
         let surroundings = reader.section("world.surroundings", "seen above the walls, far away", |s| {
             Texture::read(s, base, Defaults::SURROUNDINGS)
@@ -484,7 +492,7 @@ impl Scenario {
             name,
             seed,
             actions,
-            world: World { rooms, walls, pyramids, floor, surroundings },
+            world: World { rooms, walls, pyramids, distractors, floor, surroundings },
             robot: reader.section("robot", "", Robot::read),
             camera: reader.section("camera", "", Camera::read),
             vision: reader.section("vision", "camera image to observation", Vision::read),
@@ -1022,14 +1030,14 @@ impl Task {
             reward: s.number("reward", 1.0, "", Range::above(0.0, 1e6), "for an action that ends in the goal area"),
             wall_reward: s.number(
                 "wall_reward",
-                -1.0,
+                -0.3,
                 "",
                 Range::within(-1e6, 0.0),
                 "for an action that ends near a wall, outside the goal area",
             ),
             wall_distance: s.number(
                 "wall_distance",
-                0.5,
+                0.4,
                 "m",
                 Range::within(0.0, 1000.0),
                 "robot centre to wall that counts as near",

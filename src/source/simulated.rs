@@ -54,7 +54,7 @@ impl Simulated {
 
     fn picture(&mut self, number: u64) -> Image {
         let looks = &self.world.looks;
-        let mut image = looks.camera(number).render(&self.robot.pose);
+        let mut image = looks.render(&self.robot.pose, number);
         // A camera that is frozen goes on exposing, so that what comes afterwards is what it would have been.
         self.sensor.expose(&mut image, looks.light(number));
         if looks.is_frozen(number)

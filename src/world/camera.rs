@@ -10,6 +10,7 @@
 
 use nalgebra::{Point2, Vector2};
 
+use super::distractors::Present;
 use super::pyramids::Pyramid;
 use super::texture::{TextureMap, fixed};
 use super::{Image, Pose};
@@ -152,6 +153,11 @@ impl Camera {
 
     /// The image from a pose, without sensor errors, in place of what an image held. Its memory is used again.
     pub fn render_into(&self, pose: &Pose, image: &mut Image) {
+        self.render_among(&[], pose, image);
+    }
+
+    /// The same with distractors.
+    pub fn render_among(&self, distractors: &[Present], pose: &Pose, image: &mut Image) {
         let (width, height) = (self.columns.len(), self.height);
         image.width = width;
         image.height = height;
@@ -163,7 +169,9 @@ impl Camera {
         for (number, columns) in self.columns.chunks(TILE).enumerate() {
             for (lane, column) in columns.iter().enumerate() {
                 find_hits(&views, column.aside, &mut hits);
-                self.paint(pose, column, &hits, &mut Strip { tile: &mut tile, lane });
+                let mut strip = Strip { tile: &mut tile, lane };
+                self.paint(pose, column, &hits, &mut strip);
+                self.paint_distractors(distractors, pose, column, &hits, &mut strip);
             }
             let start = 3 * TILE * number;
             for (line, row) in image.rgb.chunks_exact_mut(3 * width).zip(&tile) {
@@ -247,6 +255,36 @@ impl Camera {
             let entries = seen.iter().filter_map(|crossing| crossing.entry(self.settings.mount_height, slope));
             if let Some((_, texel)) = entries.min_by(|a, b| a.0.total_cmp(&b.0)) {
                 texels[strip.lane % TILE] = texel;
+            }
+        }
+    }
+
+    /// Paint distractors over what lies behind them, the farthest first.
+    fn paint_distractors(
+        &self,
+        distractors: &[Present],
+        pose: &Pose,
+        column: &Column,
+        hits: &[Hit],
+        strip: &mut Strip<'_>,
+    ) {
+        if distractors.is_empty() {
+            return;
+        }
+        let ahead = pose.direction();
+        let ray = ahead + Vector2::new(ahead.y, -ahead.x) * column.aside;
+        let mut seen: Vec<(f64, &Present)> =
+            distractors.iter().filter_map(|present| Some((present.depth(pose.position, ray)?, present))).collect();
+        seen.sort_by(|a, b| b.0.total_cmp(&a.0));
+        for (depth, present) in seen {
+            // Nearer walls hide the rows from their tops down.
+            let nearer = hits.iter().take_while(|hit| hit.depth < depth);
+            let hidden =
+                nearer.map(|hit| self.rows_above(self.walls[hit.wall].0, hit.depth)).min().unwrap_or(self.height);
+            let end = self.rows_above(present.bottom, depth).min(hidden);
+            let begin = self.rows_above(present.top, depth).min(end);
+            for row in &mut strip.tile[begin..end] {
+                row[strip.lane % TILE] = present.colour;
             }
         }
     }

@@ -2,7 +2,8 @@
 
 use std::sync::Arc;
 
-use super::Camera;
+use super::distractors::{Distractor, Present};
+use super::{Camera, Image, Pose};
 use crate::scenario::{Happens, Scenario};
 
 /// The looks of a scenario's world from its first frame to its last.
@@ -16,6 +17,8 @@ pub struct Looks {
     frozen: Vec<(u64, u64)>,
     /// First and last frame that are lost.
     lost: Vec<(u64, u64)>,
+    distractors: Vec<Distractor>,
+    frame_seconds: f64,
 }
 
 impl Looks {
@@ -29,6 +32,8 @@ impl Looks {
             light: Vec::new(),
             frozen: Vec::new(),
             lost: Vec::new(),
+            distractors: scenario.world.distractors.iter().map(Distractor::new).collect(),
+            frame_seconds: scenario.robot.frame_seconds(),
         };
         let mut changes: Vec<_> = scenario.changes.iter().collect();
         changes.sort_by_key(|change| change.action);
@@ -58,6 +63,21 @@ impl Looks {
         // The first one is from frame 0.
         let index = self.cameras.partition_point(|(first, _)| *first <= frame);
         &self.cameras[index - 1].1
+    }
+
+    /// What the camera sees from a pose at a frame, without sensor errors.
+    pub fn render(&self, pose: &Pose, frame: u64) -> Image {
+        let mut image = Image::default();
+        self.render_into(pose, frame, 0, &mut image);
+        image
+    }
+
+    /// The same in place of what an image held, with distractors where they are so many frames `later`: a trial takes its time
+    /// while nothing else changes.
+    pub fn render_into(&self, pose: &Pose, frame: u64, later: u64, image: &mut Image) {
+        let seconds = frame.saturating_add(later) as f64 * self.frame_seconds;
+        let present: Vec<Present> = self.distractors.iter().map(|distractor| distractor.at(seconds)).collect();
+        self.camera(frame).render_among(&present, pose, image);
     }
 
     /// Brightness at a frame, as a share of that at frame 0.

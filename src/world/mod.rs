@@ -6,6 +6,7 @@
 mod arena;
 mod body;
 mod camera;
+mod distractors;
 mod image;
 mod looks;
 mod noise;
