@@ -1,0 +1,196 @@
+//! Scenario files: all faults at once, each with its line, key, value and allowed range.
+
+use std::path::Path;
+
+use crate::common::package_file;
+use adagio::scenario::{Fault, Scenario, ScenarioError};
+
+const ROOM: &str = "
+[[world.wall]]
+points = [[0.0, 0.0], [3.0, 0.0], [3.0, 1.8], [0.0, 1.8]]
+closed = true
+";
+
+const TASK: &str = "
+[[task]]
+name = \"centre\"
+goal = [1.5, 0.9]
+";
+
+fn faults_of(text: &str, sets: &[&str]) -> Vec<Fault> {
+    let sets: Vec<String> = sets.iter().map(|&set| set.to_owned()).collect();
+    match Scenario::parse(text, Path::new("test.toml"), &sets) {
+        Err(ScenarioError::Invalid { faults, .. }) => faults,
+        Err(other) => panic!("{other}"),
+        Ok(_) => Vec::new(),
+    }
+}
+
+/// One fault is expected, at this key, with these parts in its text.
+fn assert_fault(text: &str, sets: &[&str], key: &str, parts: &[&str]) {
+    let faults = faults_of(text, sets);
+    assert_eq!(faults.len(), 1, "{faults:?}");
+    assert_eq!(faults[0].key, key);
+    for part in parts {
+        assert!(faults[0].text.contains(part), "{:?} lacks {part:?}", faults[0].text);
+    }
+}
+
+#[test]
+fn the_scenarios_that_come_along_are_valid_and_complete_files_mean_the_same() {
+    for name in ["scenarios/lab.toml", "scenarios/smoke.toml", "scenarios/distractors.toml", "scenarios/goals.toml"] {
+        let scenario = Scenario::load(&package_file(name), &[]).unwrap();
+        let again = Scenario::parse(&scenario.text, Path::new("again.toml"), &[]).unwrap();
+        assert_eq!(again, scenario, "{name}");
+        assert_eq!(again.sha256(), scenario.sha256());
+    }
+}
+
+#[test]
+fn the_lab_is_the_one_of_the_thesis() {
+    let lab = Scenario::load(&package_file("scenarios/lab.toml"), &[]).unwrap();
+    assert_eq!(lab.value.gamma, 0.9);
+    assert_eq!((lab.robot.radius, lab.robot.forward, lab.robot.turn_deg), (0.25, 0.30, 45.0));
+    assert_eq!((lab.camera.width, lab.camera.height, lab.camera.field_of_view_deg), (320, 240, 66.0));
+    assert_eq!((lab.vision.cut_rows, lab.vision.width, lab.vision.height), (80, 32, 16));
+    assert!(lab.world.walls.iter().all(|wall| wall.height == 0.9));
+    assert_eq!((lab.tasks[0].goal, lab.tasks[0].radius), ([1.5, 0.9], 0.20));
+    assert_eq!((lab.tasks[1].goal, lab.tasks[1].radius), ([2.4, 0.6], 0.45));
+    // All but its reward near walls, −1 within 0.5 m, which costs steps between walls (docs/navigation.md).
+    assert!(lab.tasks.iter().all(|task| (task.reward, task.wall_reward, task.wall_distance) == (1.0, -0.3, 0.4)));
+    assert!(lab.actions <= 15_000);
+}
+
+#[test]
+fn all_faults_are_reported_at_once_with_their_lines() {
+    let text = "seed = -3
+actoins = 10
+[robot]
+radius = \"wide\"
+[dictionary]
+nu = 0
+budget = 5
+[slow]
+lambda = -1.0
+[colour]
+x = 1
+[[world.wall]]
+points = [[0.0, 0.0], [3.0, 0.0], [3.0, 1.8], [0.0, 1.8]]
+closed = true
+[[task]]
+goal = [1.5]
+radius = 0.0
+";
+    let found: Vec<(Option<usize>, String)> =
+        faults_of(text, &[]).into_iter().map(|fault| (fault.line, fault.key)).collect();
+    let expected = [
+        (1, "seed"),
+        (2, "actoins"),
+        (4, "robot.radius"),
+        (6, "dictionary.nu"),
+        (7, "dictionary.budget"),
+        (9, "slow.lambda"),
+        (10, "colour"),
+        (16, "task.0.goal"),
+        (17, "task.0.radius"),
+    ];
+    let expected: Vec<_> = expected.iter().map(|&(line, key)| (Some(line), key.to_owned())).collect();
+    assert_eq!(found, expected);
+}
+
+#[test]
+fn a_fault_names_value_range_and_the_key_that_was_meant() {
+    let room = format!("{ROOM}{TASK}");
+    assert!(faults_of(&room, &[]).is_empty());
+    assert_fault(&room, &["dictionary.nu=0"], "dictionary.nu", &["= 0 ", "(0, 0.999]"]);
+    assert_fault(&room, &["dictionary.kernel=linear"], "dictionary.kernel", &["linear", "gaussian", "laplacian"]);
+    assert_fault(&room, &["dictionary.bugdet=9"], "dictionary.bugdet", &["is not a key"]);
+    assert_fault(&room, &["nonsense"], "nonsense", &["KEY=VALUE"]);
+    let misspelt = format!("{room}[value]\ngama = 0.5\n");
+    assert_fault(&misspelt, &[], "value.gama", &["did you mean gamma?"]);
+    assert_fault(&room, &["value.gamma=1.0"], "value.gamma", &["= 1 ", "[0, 0.9999]"]);
+    assert_fault(&room, &["robot.turn_deg=nan"], "robot.turn_deg", &["NaN", "(0, 180]"]);
+}
+
+#[test]
+fn contradictions_are_reported_beside_other_faults_but_not_of_faulty_keys() {
+    let text = format!("{ROOM}{TASK}");
+    let sets =
+        ["dictionary.nu=0", "dictionary.bogus=1", "slow.features=5000", "robot.radius=1.2", "task.0.goal=[0.0, 0.0]"];
+    let keys: Vec<String> = faults_of(&text, &sets).into_iter().map(|fault| fault.key).collect();
+    for key in ["dictionary.nu", "dictionary.bogus", "slow.features", "robot.start", "task.0.goal"] {
+        assert!(keys.iter().any(|found| found == key), "{key} is not among {keys:?}");
+    }
+    assert_eq!(keys.len(), 5);
+    // The budget itself is at fault: nothing is said of features against it.
+    assert_fault(&text, &["dictionary.budget=-5", "slow.features=3000"], "dictionary.budget", &["-5"]);
+}
+
+#[test]
+fn contradictions_are_faults() {
+    let room = format!("{ROOM}{TASK}");
+    assert_fault(
+        &room,
+        &["task.0.goal=[0.1, 0.9]", "task.0.radius=0.1"],
+        "task.0.goal",
+        &["in a wall or out of reach"],
+    );
+    assert_fault(
+        &room,
+        &["task.0.goal=[9.0, 0.9]"],
+        "task.0.goal",
+        &["[0.1, 0.9]".replace("0.1, 0.9", "9.0, 0.9").as_str()],
+    );
+    assert_fault(&room, &["task.0.radius=9.0"], "task.0.radius", &["= 9 m", "no start is left"]);
+    assert_fault(&room, &["robot.radius=1.0"], "robot.start", &["0.900 m from a wall", "robot.radius = 1 m"]);
+    assert_fault(&room, &["robot.start=[0.1, 0.9]"], "robot.start", &["0.100 m from a wall"]);
+    assert_fault(&room, &["robot.start=[8.0, 0.9]"], "robot.start", &["not enclosed"]);
+    assert_fault(&room.replace("closed = true", ""), &[], "robot.start", &["not enclosed"]);
+    assert_fault(&room, &["vision.cut_rows=230"], "vision.cut_rows", &["leaves 10 of 240", "[0, 224]"]);
+    assert!(faults_of(&room, &["camera.detail=vision"]).is_empty());
+    assert_fault(
+        &room,
+        &["camera.detail=vision", "vision.width=100"],
+        "camera.detail",
+        &["400 × 64 samples", "320 × 160 pixels", "must be \"full\""],
+    );
+    assert_fault(&room, &["camera.detail=half"], "camera.detail", &["half", "\"full\" | \"vision\""]);
+    assert_fault(&room, &["slow.features=3000"], "slow.features", &["[1, "]);
+    assert_fault(
+        &room,
+        &["agent.latency_frames=9000"],
+        "agent.latency_frames",
+        &["not less than agent.resolve_frames"],
+    );
+    assert_fault(&room, &["dictionary.retained_frames=1"], "dictionary.retained_frames", &["at least 128"]);
+    assert_fault(ROOM, &[], "task", &["at least one [[task]]"]);
+    assert_fault(TASK, &[], "world.wall", &["at least one [[world.wall]]"]);
+    assert_fault(&format!("{room}{TASK}"), &[], "task.1.name", &["unique"]);
+    let image = room.replace("closed = true", "closed = true\nimage = \"none.png\"");
+    assert_fault(&image, &[], "world.wall.0.image", &["none.png", "cannot be read"]);
+}
+
+#[test]
+fn broken_toml_is_reported_with_its_line() {
+    let faults = faults_of("seed = 1\n[robot\nradius = 0.2\n", &[]);
+    assert!(faults.iter().any(|fault| fault.line == Some(2) && fault.text.contains("broken TOML")), "{faults:?}");
+}
+
+#[test]
+fn an_image_file_can_paper_a_wall() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut picture = image::RgbImage::new(4, 2);
+    picture.pixels_mut().for_each(|pixel| pixel.0 = [10, 200, 30]);
+    picture.save(folder.path().join("paper.png")).unwrap();
+    let text = format!("{ROOM}image = \"paper.png\"\n{TASK}");
+    std::fs::write(folder.path().join("room.toml"), &text).unwrap();
+    let scenario = Scenario::load(&folder.path().join("room.toml"), &[]).unwrap();
+    let world = adagio::world::World::new(&scenario).unwrap();
+    let pose = adagio::world::Pose::new(nalgebra::Point2::new(1.0, 0.9), 0.0);
+    let seen = world.looks.camera(0).render(&pose);
+    let middle = 3 * (seen.width * (seen.height / 2) + seen.width / 2);
+    assert_eq!(seen.rgb[middle..middle + 3], [10, 200, 30]);
+    // The complete file names the picture by its absolute path, so it can be read from anywhere.
+    let again = Scenario::parse(&scenario.text, Path::new("elsewhere/again.toml"), &[]).unwrap();
+    assert_eq!(again.world.walls[0].texture.image, scenario.world.walls[0].texture.image);
+}

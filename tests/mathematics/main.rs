@@ -1,0 +1,26 @@
+//! Known answers of the pure parts: kernel, dictionary, slow features, values.
+//!
+//! One program, so that the library is linked once for all of them.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod coherence;
+mod dictionary;
+mod ica;
+mod kernel;
+mod region;
+mod regression;
+mod selection;
+mod slow;
+mod slow_expanded;
+mod slow_hierarchy;
+mod slow_input;
+mod slow_kernel;
+mod slow_lanczos;
+mod slow_linear;
+mod theory;
+mod value;
+mod value_estimation;
+mod value_input;
+mod value_refit;

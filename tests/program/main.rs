@@ -1,0 +1,13 @@
+//! The program as its users see it: commands, pages, reports, experiments, soak tests.
+//!
+//! One program, so that the library is linked once for all of them.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod commands;
+mod experiment;
+mod fuzz;
+mod live;
+mod report;
+mod soak;
