@@ -23,6 +23,16 @@ const GOALS: &str = include_str!("../../scenarios/goals.toml");
 /// That of the two rooms.
 const TWO_ROOMS: &str = include_str!("../../scenarios/two_rooms.toml");
 
+/// All worlds but the one for tests, by name, as they are in the repository: the small ones first.
+pub const WORLDS: [(&str, &str); 6] = [
+    ("lab", LAB),
+    ("l_shape", include_str!("../../scenarios/l_shape.toml")),
+    ("pillars", include_str!("../../scenarios/pillars.toml")),
+    ("wall_gap", include_str!("../../scenarios/wall_gap.toml")),
+    ("four_rooms", include_str!("../../scenarios/four_rooms.toml")),
+    ("two_rooms", TWO_ROOMS),
+];
+
 /// What the thesis gave its robot near walls (§5.3): −1 within 0.5 m.
 fn thesis_rewards(tasks: usize) -> Vec<String> {
     let of_task = |task| [format!("task.{task}.wall_reward=-1"), format!("task.{task}.wall_distance=0.5")];
@@ -71,11 +81,34 @@ impl Lab {
         Lab::of(TWO_ROOMS, "two_rooms.toml", seed, Vec::new(), sets)
     }
 
+    /// One of [`WORLDS`] by its place there, with its own rewards, with some keys changed.
+    ///
+    /// # Errors
+    /// As those of [`Lab::new`].
+    pub fn world(place: usize, seed: u64, sets: &[&str]) -> Result<Self, ExperimentError> {
+        let (name, text) = WORLDS[place];
+        Lab::of(text, &format!("{name}.toml"), seed, Vec::new(), sets)
+    }
+
+    /// The same as the agent drives in it, with the scenario's frames for each action.
+    ///
+    /// # Errors
+    /// As those of [`Lab::new`].
+    pub fn driven(place: usize, seed: u64, sets: &[String]) -> Result<Self, ExperimentError> {
+        let (name, text) = WORLDS[place];
+        let fixed = [format!("seed={seed}"), "camera.detail=vision".into()];
+        Lab::parse(text, &format!("{name}.toml"), &[&fixed, sets].concat())
+    }
+
     fn of(text: &str, name: &str, seed: u64, rewards: Vec<String>, sets: &[&str]) -> Result<Self, ExperimentError> {
         let fixed = [format!("seed={seed}"), "robot.frames_per_action=1".into(), "camera.detail=vision".into()];
         let sets: Vec<String> =
             fixed.into_iter().chain(rewards).chain(sets.iter().map(|&set| set.to_owned())).collect();
-        let scenario = Scenario::parse(text, Path::new(name), &sets)?;
+        Lab::parse(text, name, &sets)
+    }
+
+    fn parse(text: &str, name: &str, sets: &[String]) -> Result<Self, ExperimentError> {
+        let scenario = Scenario::parse(text, Path::new(name), sets)?;
         let world = Arc::new(World::new(&scenario)?);
         Ok(Lab { scenario: Arc::new(scenario), world })
     }

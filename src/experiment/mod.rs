@@ -16,13 +16,17 @@
 //! | [`selection`] | §2.2.6; Böhmer et al. 2013 |
 //! | [`online`] | none: the stream against the thesis's and other methods |
 //! | [`values`] | none: local values against linear ones |
+//! | [`worlds`] | none: the agent in all worlds, beside what it is to be compared with |
 //! | [`place_cells`] | §4.2.3; Franzius et al. 2007 |
 
 mod band;
 mod bench;
 mod cache;
+mod driven;
 mod error;
+mod field;
 mod lab;
+mod local;
 mod maps;
 pub mod online;
 mod pipeline;
@@ -40,6 +44,7 @@ pub mod trajectories;
 pub mod two_rooms;
 pub mod values;
 pub mod vision_lspi;
+pub mod worlds;
 
 pub use band::{BAND, Band};
 pub use bench::{Bench, Experiment, Once, Results, Scope, Size, Sizes, run};
@@ -59,6 +64,7 @@ pub const ALL: &[Experiment] = &[
     selection::EXPERIMENT,
     online::EXPERIMENT,
     values::EXPERIMENT,
+    worlds::EXPERIMENT,
     place_cells::EXPERIMENT,
 ];
 

@@ -4,21 +4,18 @@
 //! of slow features. Rewards near walls keep a robot off them and cost steps: so the best values are also tried without.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
-use faer::{Mat, MatRef};
 use serde::{Deserialize, Serialize};
 
-use super::lab::{Lab, Transition, Walked};
+use super::lab::Lab;
+use super::local::{self, METRES_PER_RADIAN};
 use super::plot::{Line, chart};
 use super::quality::{Quality, reference_trips};
 use super::trained::{Iteration, Sampled, Trained, Training, quality, train};
 use super::{Band, Bench, Cell, Experiment, ExperimentError, Once, Results, Sizes, Table};
 use crate::evaluate::{Evaluator, Situation, Trip};
-use crate::policy::{Learned, Reflexes, points};
+use crate::policy::{Learned, points};
 use crate::report::draw::Axis;
-use crate::value::{Instances, Local, LocalOptions, LocalOutcomes};
-use crate::world::{Action, Pose};
 
 /// The experiment.
 pub const EXPERIMENT: Experiment = Experiment {
@@ -37,8 +34,6 @@ const TRANSITIONS: Sizes<&[usize]> =
 const FEATURES: Sizes<usize> = Sizes { full: 200, quick: 200, smoke: 20 };
 /// Random starts for each goal.
 const STARTS: Sizes<usize> = Sizes { full: 400, quick: 200, smoke: 10 };
-/// What a radian of the heading is beside a metre, for distances between true poses.
-const METRES_PER_RADIAN: f64 = 0.5;
 /// A ridge that leaves no slopes: means.
 const NO_SLOPES: f64 = 1e9;
 
@@ -159,38 +154,21 @@ fn tried(
         return tasks.map(of_task).collect();
     }
     let settings = &lab.scenario.value;
-    let ridge = if values == Values::Means { NO_SLOPES } else { settings.local_ridge };
-    let options = LocalOptions { neighbours: settings.neighbours, ridge };
-    let mut transitions = trained.walked.spread(count);
-    transitions.sort_by_key(|t| t.action.index());
-    let at = |frame: fn(&Transition) -> usize| -> Result<Mat<f32>, ExperimentError> {
-        let frames: Vec<usize> = transitions.iter().map(frame).collect();
-        if values == Values::Pose {
-            let points = frames.iter().map(|&frame| point(&trained.walked.poses[frame])).collect::<Vec<_>>();
-            return Ok(Mat::from_fn(4, points.len(), |i, j| points[j][i]));
-        }
-        let phi = trained.features_at(&frames, bench)?;
-        Ok(points(&trained.model, phi.as_ref(), settings.metric_features))
-    };
-    let counts = Action::ALL.iter().map(|action| transitions.iter().filter(|t| t.action == *action).count()).collect();
-    let instances = Arc::new(Instances::new(at(|t| t.from)?, counts, options)?);
-    let local = Local::new(&instances, at(|t| t.to)?.as_ref())?;
-    let worth = |task| worth(lab, &trained.walked, &transitions, &local, (task, values != Values::NoWalls), reflexes);
-    let worths: Result<Vec<Mat<f64>>, ExperimentError> = tasks.clone().map(worth).collect();
-    let worths = worths?;
+    let transitions = trained.walked.spread(count);
     let of_trips = |task: usize, trips: Vec<Trip>| Quality::of(&trips, &reference[task], gamma);
     if values == Values::Pose {
-        let of_task = |task: usize| {
-            let worth: Vec<f64> = worths[task].col(0).iter().copied().collect();
-            let choose = |situation: &Situation<'_>| {
-                let point = point(situation.pose);
-                let point = Mat::from_fn(4, 1, |i, _| point[i]);
-                reflexes.best(values_at(&instances, &worth, point.as_ref()), situation.recent).0
-            };
-            of_trips(task, evaluator.trips(task, false, &choose))
-        };
-        return Ok(tasks.map(of_task).collect());
+        let policies = local::of_pose(lab, &trained.walked, transitions)?;
+        return Ok(tasks.map(|task| of_trips(task, policies.trips(evaluator, task))).collect());
     }
+    let rule = local::Rule {
+        ridge: if values == Values::Means { NO_SLOPES } else { settings.local_ridge },
+        walls: values != Values::NoWalls,
+    };
+    let at = |frames: &[usize]| {
+        let phi = trained.features_at(frames, bench)?;
+        Ok(points(&trained.model, phi.as_ref(), settings.metric_features))
+    };
+    let local::Valued { instances, worths } = local::values(lab, &trained.walked, transitions, rule, at)?;
     let learned = Learned::local(1, 0, 0, trained.model.clone(), instances, worths)?;
     let of_task = |task: usize| {
         let choose = |situation: &Situation<'_>| {
@@ -201,36 +179,6 @@ fn tried(
         of_trips(task, evaluator.trips(task, true, &choose))
     };
     Ok(tasks.map(of_task).collect())
-}
-
-fn worth(
-    lab: &Lab,
-    walked: &Walked,
-    transitions: &[Transition],
-    local: &Local<'_>,
-    (task, walls): (usize, bool),
-    reflexes: Reflexes,
-) -> Result<Mat<f64>, ExperimentError> {
-    let mut rewards = walked.rewards(lab, task, transitions);
-    if !walls {
-        rewards.iter_mut().for_each(|reward| *reward = reward.max(0.0));
-    }
-    let allowed: Vec<u32> = transitions.iter().map(|t| t.allows(reflexes)).collect();
-    let ended = vec![false; rewards.len()];
-    let outcomes = LocalOutcomes { rewards: &rewards, allowed: &allowed, ended: &ended };
-    Ok(local.fit(&outcomes, lab.scenario.value.gamma)?.weights)
-}
-
-fn values_at(instances: &Instances, worth: &[f64], point: MatRef<'_, f32>) -> [f64; 3] {
-    // A pose is finite, and so are the values then.
-    let told = instances.action_values(&[worth], point).unwrap_or_default();
-    told.first().map_or([0.0; 3], |q| [q[(0, 0)], q[(1, 0)], q[(2, 0)]])
-}
-
-/// A pose as a point.
-fn point(pose: &Pose) -> [f32; 4] {
-    let (place, ahead) = (pose.position, METRES_PER_RADIAN * pose.direction());
-    [place.x as f32, place.y as f32, ahead.x as f32, ahead.y as f32]
 }
 
 fn table(found: &Found, goals: &[String]) -> Table {

@@ -99,7 +99,7 @@ pub struct Texture {
     pub hue_spread: f64,
     /// Contrast of the pattern, 0 (plain) to 1.
     pub contrast: f64,
-    /// Seed of the pattern.
+    /// Seed of the pattern; on walls and floor `world.papers` is in it.
     pub seed: u64,
 }
 
@@ -464,8 +464,10 @@ impl Scenario {
                 s.count("actions", 15_000, "actions", 10, 1_000_000_000, "the run ends after this many"),
             )
         });
-        reader.section("world", "what the robot drives in", |s| {
+        let papers = reader.section("world", "what the robot drives in", |s| {
             s.allow_sections(&["room", "wall", "pyramid", "distractor", "floor", "surroundings"]);
+            let line = "another number: other patterns on walls and floor, of the same kinds";
+            s.count("papers", 0, "", 0, 1_000_000, line) as u64
         });
         let rooms = reader.sections("world.room", "a rectangle of floor; rooms that touch or overlap are joined", {
             |s, index| Room::read(s, base, index)
@@ -478,13 +480,15 @@ impl Scenario {
             texture: Texture::read(s, base, Defaults::wall(index)),
         });
         walls.extend(walls_of(&rooms));
+        walls.iter_mut().for_each(|wall| wall.texture.paper_anew(papers));
         let pyramids = reader.sections("world.pyramid", "stands outside, far away", Pyramid::read);
         let distractors = reader.sections(
             "world.distractor",
             "moves or blinks whatever the robot does; seen and not felt",
             Distractor::read,
         );
-        let floor = reader.section("world.floor", "", |s| Texture::read(s, base, Defaults::FLOOR));
+        let mut floor = reader.section("world.floor", "", |s| Texture::read(s, base, Defaults::FLOOR));
+        floor.paper_anew(papers);
         let surroundings = reader.section("world.surroundings", "seen above the walls, far away", |s| {
             Texture::read(s, base, Defaults::SURROUNDINGS)
         });
@@ -594,6 +598,11 @@ impl Texture {
     /// Another texture of a wall; each change has its own unless the file says otherwise.
     pub(super) fn new_paper(s: &mut Section<'_, '_>, base: &Path, index: usize) -> Self {
         Texture::read(s, base, Defaults { seed: index + 501, ..Defaults::wall(index + 2) })
+    }
+
+    /// The same with the pattern of another number of papers; 0 leaves it. Seeds in a file are far smaller than what is added.
+    fn paper_anew(&mut self, papers: u64) {
+        self.seed += papers << u32::BITS;
     }
 
     pub(super) fn read(s: &mut Section<'_, '_>, base: &Path, d: Defaults) -> Self {

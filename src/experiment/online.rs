@@ -4,25 +4,22 @@
 //! goals. The batch pipeline, IncSFA and the true pose learn from one random walk, of which they are shown more and more;
 //! the stream explores and pursues goals; Stream-Q(λ) acts on its own values, once for each goal.
 
-mod field;
-
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use faer::{Mat, Par};
 use serde::Serialize;
 
-use self::field::{Field, Point, field};
+use super::driven::{SMALL, curve, drive};
+use super::field::{Field, Point, StreamQRun, with_one};
 use super::lab::{Data, Lab};
 use super::plot::{Line, chart};
+use super::quality::Quality;
 use super::trained::{Training, train};
 use super::{Band, Bench, Cell, Experiment, ExperimentError, Once, Results, Sizes, Table};
-use crate::agent::{self, RunOptions, Status};
 use crate::evaluate::Evaluator;
-use crate::log::{LogOptions, Nowhere, Rotation, RunLog};
 use crate::report::draw::Axis;
 use crate::slow::SlowModel;
-use crate::source::Simulated;
 
 /// The experiment.
 pub const EXPERIMENT: Experiment = Experiment {
@@ -44,8 +41,7 @@ const FRAMES_PER_VECTOR: usize = 4;
 const MOST_VECTORS: usize = 2000;
 /// Features of IncSFA, and the principal components that they are made of.
 const INCREMENTAL: Sizes<(usize, usize)> = Sizes { full: (64, 100), quick: (64, 100), smoke: (8, 12) };
-/// Stream-Q(λ): probability of a random action, at first and from the middle of the run on; actions of an episode at most.
-const EPSILON: (f64, f64) = (1.0, 0.1);
+/// Actions of an episode of Stream-Q(λ) at most.
 const EPISODE: usize = 40;
 
 /// What learns.
@@ -106,21 +102,7 @@ fn our_stream(settings: &Settings, seed: u64, bench: &Bench<'_>) -> Result<Vec<P
     let scenario = stream_scenario(seed, most, settings)?;
     let world = Arc::new(crate::world::World::new(&scenario)?);
     let evaluator = Evaluator::new(scenario.clone(), world.clone(), settings.starts, seed);
-    let log = RunLog::create(Nowhere, &LogOptions::default(), Rotation::NEVER, &BTreeMap::new());
-    let log = log.map_err(|error| ExperimentError::Run(error.to_string()))?;
-    let status = Status::default();
-    let mut source = Simulated::new(scenario.clone(), world.clone());
-    let options = RunOptions { evaluator: Some(&evaluator), ..RunOptions::new(bench.stop(), &status) };
-    let ran = agent::run(&scenario, &world, &mut source, log, options)
-        .map_err(|error| ExperimentError::Run(error.to_string()));
-    bench.go_on()?;
-    let point = |point: agent::CurvePoint| Point {
-        actions: point.actions as usize,
-        frames: point.frames as usize,
-        success: point.success,
-        quality: point.convergence_quality,
-    };
-    Ok(ran?.curve.into_iter().map(point).collect())
+    Ok(curve(drive(&scenario, &world, &evaluator, bench)?.curve))
 }
 
 /// The lab as the agent drives in it, for so many actions.
@@ -136,17 +118,7 @@ fn stream_scenario(
         format!("evaluate.starts={}", settings.starts),
     ];
     if actions < 1000 {
-        // The smallest version: models soon, and small.
-        let small = [
-            "dictionary.sigma_frames=200",
-            "dictionary.budget=200",
-            "slow.features=40",
-            "policy.explore_actions=100",
-            "agent.resolve_frames=500",
-            "agent.latency_frames=200",
-            "evaluate.max_steps=30",
-        ];
-        sets.extend(small.map(str::to_owned));
+        sets.extend(SMALL.map(str::to_owned));
     } else {
         sets.push(format!("policy.explore_actions={}", actions * 2 / 5));
     }
@@ -174,26 +146,36 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
                 if method == Method::Stream {
                     return our_stream(&settings, seed, bench);
                 }
-                let field: &Field<'_> = shared.get(|| field(&lab, &settings, bench))?;
+                let field: &Field<'_> = shared.get(|| Field::new(&lab, most, starts, bench))?;
                 match method {
                     Method::Stream => our_stream(&settings, seed, bench),
-                    Method::Batch => actions.iter().map(|&count| field.batch(count, features)).collect(),
-                    Method::TruePose => actions.iter().map(|&count| field.true_pose(count)).collect(),
+                    Method::Batch => {
+                        let of = |&count: &usize| {
+                            let (qualities, _) = field.batch(count, features, most_vectors(count))?;
+                            Ok(Point::new(count, &qualities))
+                        };
+                        actions.iter().map(of).collect()
+                    }
+                    Method::TruePose => {
+                        let of = |&count: &usize| Ok(Point::new(count, &field.true_pose(count, POSE_FEATURES)?));
+                        actions.iter().map(of).collect()
+                    }
                     Method::Incremental => field.incremental(actions, scope.pick(INCREMENTAL)),
                     Method::QOnPixels => {
-                        let f = field.video.nrows() + 1;
-                        let with_one =
-                            |x: Mat<f64>| Mat::from_fn(f, 1, |i, _| if i == 0 { 1.0 } else { x[(i - 1, 0)] });
-                        field.stream_q(actions, f, with_one)
+                        let run = StreamQRun { actions, episode: EPISODE, features: field.video.nrows() + 1 };
+                        Ok(points(actions, &field.stream_q(&run, with_one)?))
                     }
                     Method::QOnSlowFeatures => {
-                        let vectors = (most / FRAMES_PER_VECTOR).min(MOST_VECTORS);
-                        let training = Training::new(&lab, most, vectors, features - 1);
+                        let training = Training::new(&lab, most, most_vectors(most), features - 1);
                         let model = train(&lab, &training, bench)?.model;
-                        field.stream_q(actions, model.features(), |x| slow_of(&model, &x))
+                        let run = StreamQRun { actions, episode: EPISODE, features: model.features() };
+                        Ok(points(actions, &field.stream_q(&run, |x| slow_of(&model, &x))?))
                     }
-                    Method::Random => Ok(vec![field.random()?]),
-                    Method::Reference => Ok(vec![field.point(0, |task| Ok(field.reference[task].clone()))?]),
+                    Method::Random => Ok(points(&[0], &[field.random()?])),
+                    Method::Reference => {
+                        let reference = field.qualities(|task| Ok(field.reference[task].clone()))?;
+                        Ok(points(&[0], &[reference]))
+                    }
                     Method::Optimal => Ok(vec![Point { actions: 0, frames: 0, success: 1.0, quality: 1.0 }]),
                 }
             })?;
@@ -217,6 +199,15 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
         ],
         plots: plots(&found, most)?,
     })
+}
+
+/// Support vectors of the batch pipeline.
+fn most_vectors(actions: usize) -> usize {
+    (actions / FRAMES_PER_VECTOR).min(MOST_VECTORS)
+}
+
+fn points(actions: &[usize], qualities: &[Vec<Quality>]) -> Vec<Point> {
+    actions.iter().zip(qualities).map(|(&actions, qualities)| Point::new(actions, qualities)).collect()
 }
 
 /// Slow features of one scaled observation.

@@ -1,15 +1,15 @@
-//! Everything in the comparison that learns in a field of its own, and how it is tried.
+//! What the agent is compared with: each learns in a world of its own, and all are tried from the same starts.
 
 use faer::Mat;
 use nalgebra::Point2;
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
-use super::super::lab::{Lab, Walked, points};
-use super::super::quality::{Quality, reference_trips};
-use super::super::trained::{Iteration, Sampled, Training, train, trips};
-use super::super::{Bench, ExperimentError};
-use super::{EPISODE, EPSILON, FRAMES_PER_VECTOR, MOST_VECTORS, POSE_FEATURES, Settings};
+use super::lab::{Lab, Walked, points};
+use super::local;
+use super::quality::{Quality, reference_trips};
+use super::trained::{Iteration, Sampled, Training, train, trips};
+use super::{Bench, ExperimentError};
 use crate::evaluate::{Evaluator, Situation, Trip, draw_pose};
 use crate::policy::Reflexes;
 use crate::random::stream;
@@ -17,6 +17,9 @@ use crate::slow::coherence::incremental::{IncrementalSlow, Options as Incrementa
 use crate::value::{Fit, StreamQ, StreamQOptions};
 use crate::vision::{Observation, Observer};
 use crate::world::{Action, Image, Pose, Robot, Sensor, in_goal};
+
+/// Stream-Q(λ): probability of a random action, at first and from the middle of the run on.
+const EPSILON: (f64, f64) = (1.0, 0.1);
 
 /// How good a policy is after some actions, mean over tasks.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
@@ -31,9 +34,28 @@ pub struct Point {
     pub quality: f64,
 }
 
-/// The lab of a seed, its walk, and the trials.
+impl Point {
+    /// The means of all tasks, after so many actions with one frame for each.
+    pub fn new(actions: usize, qualities: &[Quality]) -> Self {
+        let mean = |of: fn(&Quality) -> f64| qualities.iter().map(of).sum::<f64>() / qualities.len().max(1) as f64;
+        Point { actions, frames: actions + 1, success: mean(|q| q.success), quality: mean(|q| q.quality) }
+    }
+}
+
+/// How Stream-Q(λ) is run.
+pub struct StreamQRun<'a> {
+    /// Numbers of actions after which its policy is tried.
+    pub actions: &'a [usize],
+    /// Actions of an episode at most.
+    pub episode: usize,
+    /// Number of features.
+    pub features: usize,
+}
+
+/// The world of a seed, its walk, and the trials.
 pub struct Field<'a> {
-    lab: &'a Lab,
+    /// The world.
+    pub lab: &'a Lab,
     walked: Walked,
     /// What its camera sees.
     pub video: Mat<f32>,
@@ -43,35 +65,49 @@ pub struct Field<'a> {
     bench: &'a Bench<'a>,
 }
 
-/// The field for some settings.
-///
-/// # Errors
-/// [`ExperimentError::Stopped`].
-pub fn field<'a>(lab: &'a Lab, settings: &Settings, bench: &'a Bench<'a>) -> Result<Field<'a>, ExperimentError> {
-    let most = settings.actions.iter().copied().max().unwrap_or(1);
-    let walked = lab.walk(most);
-    let video = lab.video(&walked.poses, bench)?;
-    let evaluator = Evaluator::new(lab.scenario.clone(), lab.world.clone(), settings.starts, lab.scenario.seed);
-    let reference = (0..lab.scenario.tasks.len()).map(|task| reference_trips(lab, &evaluator, task)).collect();
-    Ok(Field { lab, walked, video, evaluator, reference, bench })
+impl<'a> Field<'a> {
+    /// A walk of some actions through a world, and its starts for each task.
+    ///
+    /// # Errors
+    /// [`ExperimentError::Stopped`].
+    pub fn new(lab: &'a Lab, actions: usize, starts: usize, bench: &'a Bench<'a>) -> Result<Self, ExperimentError> {
+        let walked = lab.walk(actions);
+        let video = lab.video(&walked.poses, bench)?;
+        let evaluator = Evaluator::new(lab.scenario.clone(), lab.world.clone(), starts, lab.scenario.seed);
+        let reference = (0..lab.scenario.tasks.len()).map(|task| reference_trips(lab, &evaluator, task)).collect();
+        Ok(Field { lab, walked, video, evaluator, reference, bench })
+    }
 }
 
 impl Field<'_> {
-    /// How good the trips of all tasks are.
-    pub fn point(
+    /// How good the trips of each task are.
+    ///
+    /// # Errors
+    /// Those of making the trips; [`ExperimentError::Stopped`].
+    pub fn qualities(
         &self,
-        actions: usize,
         mut trips_of: impl FnMut(usize) -> Result<Vec<Trip>, ExperimentError>,
-    ) -> Result<Point, ExperimentError> {
-        let tasks = self.lab.scenario.tasks.len();
-        let mut point = Point { actions, frames: actions + 1, success: 0.0, quality: 0.0 };
-        for task in 0..tasks {
+    ) -> Result<Vec<Quality>, ExperimentError> {
+        let of_task = |task: usize| {
             self.bench.go_on()?;
-            let quality = Quality::of(&trips_of(task)?, &self.reference[task], self.lab.scenario.value.gamma);
-            point.success += quality.success / tasks as f64;
-            point.quality += quality.quality / tasks as f64;
-        }
-        Ok(point)
+            Ok(Quality::of(&trips_of(task)?, &self.reference[task], self.lab.scenario.value.gamma))
+        };
+        (0..self.lab.scenario.tasks.len()).map(of_task).collect()
+    }
+
+    /// The optimal numbers of steps from the same starts.
+    ///
+    /// # Errors
+    /// [`ExperimentError::Stopped`].
+    pub fn optimum(&self) -> Result<Vec<Quality>, ExperimentError> {
+        self.qualities(|task| {
+            let best = |trip: &Trip| Trip {
+                poses: vec![trip.poses[0]; trip.optimal.unwrap_or(0) + 1],
+                arrived: trip.optimal.is_some(),
+                optimal: trip.optimal,
+            };
+            Ok(self.reference[task].iter().map(best).collect())
+        })
     }
 
     /// Trips of the greedy policy over features of what is seen, with our reflexes.
@@ -98,35 +134,59 @@ impl Field<'_> {
         }
     }
 
-    /// The batch pipeline on the first part of the walk.
-    pub fn batch(&self, actions: usize, features: usize) -> Result<Point, ExperimentError> {
-        let vectors = (actions / FRAMES_PER_VECTOR).min(MOST_VECTORS);
+    /// The batch pipeline on the first part of the walk, and how many support vectors it has.
+    ///
+    /// # Errors
+    /// Those of [`train`].
+    pub fn batch(
+        &self,
+        actions: usize,
+        features: usize,
+        vectors: usize,
+    ) -> Result<(Vec<Quality>, usize), ExperimentError> {
         let training = Training::new(self.lab, actions, vectors, features - 1);
         let trained = train(self.lab, &training, self.bench)?;
         let sampled = Sampled::new(&trained, actions, Iteration::Thesis, self.bench)?;
-        self.point(actions, |task| {
+        let qualities = self.qualities(|task| {
             let fit = sampled.fit(features, task, Iteration::Thesis)?;
             trips(&trained.model, &fit, (&self.evaluator, task), Reflexes::OFF)
-        })
+        })?;
+        Ok((qualities, trained.model.members.ncols()))
     }
 
-    /// Policies over optimal responses of the true pose.
-    pub fn true_pose(&self, actions: usize) -> Result<Point, ExperimentError> {
+    /// Policies over optimal responses of the true pose, `f` with the constant, by our LSPI.
+    ///
+    /// # Errors
+    /// A walk that never moves or never turns; [`ExperimentError::Stopped`].
+    pub fn true_pose(&self, actions: usize, f: usize) -> Result<Vec<Quality>, ExperimentError> {
         let part = self.part(actions);
-        let theory = self.lab.optimal_responses(&part, self.lab.thesis_weight(&part), POSE_FEATURES - 1)?;
+        let theory = self.lab.optimal_responses(&part, self.lab.thesis_weight(&part), f - 1)?;
         let features = |poses: &[Pose]| {
             let waves = theory.evaluate(points(poses).as_ref()).expect("the robot is near the room");
-            Mat::from_fn(POSE_FEATURES, poses.len(), |i, j| if i == 0 { 1.0 } else { waves[(i - 1, j)] })
+            Mat::from_fn(f, poses.len(), |i, j| if i == 0 { 1.0 } else { waves[(i - 1, j)] })
         };
         let phi = features(&part.poses);
         let sampled = Sampled::whole(self.lab, &part, &phi);
-        self.point(actions, |task| {
-            let Fit { weights, .. } = sampled.fit(POSE_FEATURES, task, Iteration::Ours)?;
+        self.qualities(|task| {
+            let Fit { weights, .. } = sampled.fit(f, task, Iteration::Ours)?;
             Ok(self.greedy_trips(task, false, &weights, |situation| features(&[*situation.pose])))
         })
     }
 
+    /// Local values in the true pose, from the whole walk.
+    ///
+    /// # Errors
+    /// [`ExperimentError::Stopped`].
+    pub fn true_pose_locally(&self) -> Result<Vec<Quality>, ExperimentError> {
+        let transitions = self.walked.spread(self.walked.actions.len());
+        let policies = local::of_pose(self.lab, &self.walked, transitions)?;
+        self.qualities(|task| Ok(policies.trips(&self.evaluator, task)))
+    }
+
     /// IncSFA sees the walk once; policies are made on its features of each of these moments.
+    ///
+    /// # Errors
+    /// [`ExperimentError::Stopped`].
     pub fn incremental(&self, actions: &[usize], (k, whitened): (usize, usize)) -> Result<Vec<Point>, ExperimentError> {
         let links = self.lab.links(&self.walked, self.lab.thesis_weight(&self.walked));
         let mut rng = stream(self.lab.scenario.seed, "incremental features");
@@ -150,22 +210,27 @@ impl Field<'_> {
             let part = self.part(count);
             let phi = of(Mat::from_fn(self.video.nrows(), count + 1, |i, j| scaled(self.video[(i, j)])));
             let sampled = Sampled::whole(self.lab, &part, &phi);
-            points.push(self.point(count, |task| {
+            let qualities = self.qualities(|task| {
                 let Fit { weights, .. } = sampled.fit(k + 1, task, Iteration::Ours)?;
                 Ok(self.greedy_trips(task, true, &weights, |situation| of(pixels(situation))))
-            })?);
+            })?;
+            points.push(Point::new(count, &qualities));
         }
         Ok(points)
     }
 
-    /// Stream-Q(λ) drives by itself, from a new random start whenever a goal was reached or an episode is over.
+    /// Stream-Q(λ) drives by itself, from a new random start whenever a goal was reached or an episode is over: what its policies
+    /// come to at each moment.
+    ///
+    /// # Errors
+    /// [`ExperimentError::Stopped`].
     pub fn stream_q(
         &self,
-        actions: &[usize],
-        f: usize,
+        run: &StreamQRun<'_>,
         features: impl Fn(Mat<f64>) -> Mat<f64> + Sync,
-    ) -> Result<Vec<Point>, ExperimentError> {
+    ) -> Result<Vec<Vec<Quality>>, ExperimentError> {
         let scenario = &self.lab.scenario;
+        let actions = run.actions;
         let most = actions.iter().copied().max().unwrap_or(1);
         let cells: Vec<Point2<f64>> = self.lab.world.plan.reachable_cells().collect();
         // Of each task, the weights at each of the moments.
@@ -174,7 +239,8 @@ impl Field<'_> {
             let named = |what: &str| stream(scenario.seed, &format!("stream-q: {what} of {}", task.name));
             let (mut explore, mut starts) = (named("choices"), named("starts"));
             let mut sensor = Sensor::new(scenario, scenario.robot.frame_seconds(), named("camera"));
-            let mut values = StreamQ::new(f, 3, StreamQOptions { gamma: scenario.value.gamma, ..Default::default() })?;
+            let mut values =
+                StreamQ::new(run.features, 3, StreamQOptions { gamma: scenario.value.gamma, ..Default::default() })?;
             let (mut image, mut observer) = (Image::default(), Observer::default());
             let mut look = |pose: &Pose| -> Vec<f64> {
                 self.lab.world.looks.camera(0).render_into(pose, &mut image);
@@ -190,7 +256,7 @@ impl Field<'_> {
             };
             let mut robot = begin();
             let mut phi = look(&robot.pose);
-            let (mut left, mut taken) = (EPISODE, Vec::new());
+            let (mut left, mut taken) = (run.episode, Vec::new());
             for done in 1..=most {
                 if done.is_multiple_of(100) {
                     self.bench.go_on()?;
@@ -210,7 +276,7 @@ impl Field<'_> {
                     values.interrupt();
                     robot = begin();
                     phi = look(&robot.pose);
-                    left = EPISODE;
+                    left = run.episode;
                 }
                 if actions.contains(&done) {
                     taken.push(values.weights().to_owned());
@@ -219,19 +285,22 @@ impl Field<'_> {
             debug_assert_eq!(weights.len(), number);
             weights.push(taken);
         }
-        let point = |(moment, &count): (usize, &usize)| {
-            self.point(count, |task| {
+        let at = |moment: usize| {
+            self.qualities(|task| {
                 let weights = &weights[task][moment];
                 Ok(self.greedy_trips(task, true, weights, |situation| features(pixels(situation))))
             })
         };
-        actions.iter().enumerate().map(point).collect()
+        (0..actions.len()).map(at).collect()
     }
 
     /// Actions that have nothing to do with what is seen.
-    pub fn random(&self) -> Result<Point, ExperimentError> {
+    ///
+    /// # Errors
+    /// [`ExperimentError::Stopped`].
+    pub fn random(&self) -> Result<Vec<Quality>, ExperimentError> {
         let seed = self.lab.scenario.seed;
-        self.point(0, |task| {
+        self.qualities(|task| {
             Ok(self.evaluator.trips(task, false, &|Situation { pose, .. }| {
                 // A choice of its own for each pose: no pose comes twice.
                 let name = format!("random action at {:?}", (pose.position.x.to_bits(), pose.heading.to_bits()));
@@ -239,6 +308,11 @@ impl Field<'_> {
             }))
         })
     }
+}
+
+/// One scaled observation with the constant before it.
+pub fn with_one(x: Mat<f64>) -> Mat<f64> {
+    Mat::from_fn(x.nrows() + 1, 1, |i, _| if i == 0 { 1.0 } else { x[(i - 1, 0)] })
 }
 
 /// Grey levels as numbers of about 1.

@@ -1,0 +1,57 @@
+//! Runs of the agent itself, as `adagio run` makes them, without files.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use super::field::Point;
+use super::{Bench, ExperimentError};
+use crate::agent::{self, CurvePoint, Outcome, RunOptions, Status};
+use crate::evaluate::Evaluator;
+use crate::log::{LogOptions, Nowhere, Rotation, RunLog};
+use crate::scenario::Scenario;
+use crate::source::Simulated;
+use crate::world::World;
+
+/// What changes in a scenario so that a run is over in seconds: models soon, and small.
+pub const SMALL: [&str; 8] = [
+    "robot.frames_per_action=5",
+    "dictionary.sigma_frames=200",
+    "dictionary.budget=200",
+    "slow.features=40",
+    "policy.explore_actions=100",
+    "agent.resolve_frames=500",
+    "agent.latency_frames=200",
+    "evaluate.max_steps=30",
+];
+
+/// One run; its curve is made by an evaluator.
+///
+/// # Errors
+/// Whatever ends a run before its time; [`ExperimentError::Stopped`].
+pub fn drive(
+    scenario: &Arc<Scenario>,
+    world: &Arc<World>,
+    evaluator: &Evaluator,
+    bench: &Bench<'_>,
+) -> Result<Outcome, ExperimentError> {
+    let log = RunLog::create(Nowhere, &LogOptions::default(), Rotation::NEVER, &BTreeMap::new());
+    let log = log.map_err(|error| ExperimentError::Run(error.to_string()))?;
+    let status = Status::default();
+    let mut source = Simulated::new(scenario.clone(), world.clone());
+    let options = RunOptions { evaluator: Some(evaluator), ..RunOptions::new(bench.stop(), &status) };
+    let ran =
+        agent::run(scenario, world, &mut source, log, options).map_err(|error| ExperimentError::Run(error.to_string()));
+    bench.go_on()?;
+    ran
+}
+
+/// Evaluations during a run.
+pub fn curve(points: Vec<CurvePoint>) -> Vec<Point> {
+    let point = |point: CurvePoint| Point {
+        actions: point.actions as usize,
+        frames: point.frames as usize,
+        success: point.success,
+        quality: point.convergence_quality,
+    };
+    points.into_iter().map(point).collect()
+}

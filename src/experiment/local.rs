@@ -1,0 +1,110 @@
+//! Local values from the transitions of a walk, over slow features or over the true pose.
+
+use std::sync::Arc;
+
+use faer::{Mat, MatRef};
+
+use super::ExperimentError;
+use super::lab::{Lab, Transition, Walked};
+use crate::evaluate::{Evaluator, Situation, Trip};
+use crate::policy::Reflexes;
+use crate::value::{Instances, Local, LocalOptions, LocalOutcomes};
+use crate::world::{Action, Pose};
+
+/// What a radian of the heading is beside a metre, for distances between true poses.
+pub const METRES_PER_RADIAN: f64 = 0.5;
+
+/// How values are made.
+#[derive(Debug, Clone, Copy)]
+pub struct Rule {
+    /// Ridge on the slopes of the regressions.
+    pub ridge: f64,
+    /// Whether rewards near walls count.
+    pub walls: bool,
+}
+
+/// Where actions were tried, and what each transition is worth for each task.
+pub struct Valued {
+    /// Where actions were tried.
+    pub instances: Arc<Instances>,
+    /// `N × 1` for each task.
+    pub worths: Vec<Mat<f64>>,
+}
+
+/// Values of all tasks of a world, with the scenario's neighbours and discount; `at` gives the points of frames, `p × n`.
+///
+/// # Errors
+/// Those of `at`; no transitions.
+pub fn values(
+    lab: &Lab,
+    walked: &Walked,
+    mut transitions: Vec<Transition>,
+    rule: Rule,
+    at: impl Fn(&[usize]) -> Result<Mat<f32>, ExperimentError>,
+) -> Result<Valued, ExperimentError> {
+    let settings = &lab.scenario.value;
+    let reflexes = Reflexes::new(&lab.scenario.policy);
+    transitions.sort_by_key(|t| t.action.index());
+    let points = |frame: fn(&Transition) -> usize| at(&transitions.iter().map(frame).collect::<Vec<usize>>());
+    let counts = Action::ALL.iter().map(|action| transitions.iter().filter(|t| t.action == *action).count()).collect();
+    let options = LocalOptions { neighbours: settings.neighbours, ridge: rule.ridge };
+    let instances = Arc::new(Instances::new(points(|t| t.from)?, counts, options)?);
+    let local = Local::new(&instances, points(|t| t.to)?.as_ref())?;
+    let allowed: Vec<u32> = transitions.iter().map(|t| t.allows(reflexes)).collect();
+    let ended = vec![false; transitions.len()];
+    let worth = |task: usize| {
+        let mut rewards = walked.rewards(lab, task, &transitions);
+        if !rule.walls {
+            rewards.iter_mut().for_each(|reward| *reward = reward.max(0.0));
+        }
+        let outcomes = LocalOutcomes { rewards: &rewards, allowed: &allowed, ended: &ended };
+        Ok(local.fit(&outcomes, settings.gamma)?.weights)
+    };
+    let worths: Result<Vec<Mat<f64>>, ExperimentError> = (0..lab.scenario.tasks.len()).map(worth).collect();
+    Ok(Valued { worths: worths?, instances })
+}
+
+/// Policies of the true pose, with our reflexes.
+pub struct PosePolicies {
+    valued: Valued,
+    reflexes: Reflexes,
+}
+
+/// Local values over the true pose.
+///
+/// # Errors
+/// No transitions.
+pub fn of_pose(lab: &Lab, walked: &Walked, transitions: Vec<Transition>) -> Result<PosePolicies, ExperimentError> {
+    let rule = Rule { ridge: lab.scenario.value.local_ridge, walls: true };
+    let at = |frames: &[usize]| {
+        let points: Vec<[f32; 4]> = frames.iter().map(|&frame| point(&walked.poses[frame])).collect();
+        Ok(Mat::from_fn(4, points.len(), |i, j| points[j][i]))
+    };
+    let valued = values(lab, walked, transitions, rule, at)?;
+    Ok(PosePolicies { valued, reflexes: Reflexes::new(&lab.scenario.policy) })
+}
+
+impl PosePolicies {
+    /// Ways from the starts of a task.
+    pub fn trips(&self, evaluator: &Evaluator, task: usize) -> Vec<Trip> {
+        let worth: Vec<f64> = self.valued.worths[task].col(0).iter().copied().collect();
+        let choose = |situation: &Situation<'_>| {
+            let point = point(situation.pose);
+            let point = Mat::from_fn(4, 1, |i, _| point[i]);
+            self.reflexes.best(values_at(&self.valued.instances, &worth, point.as_ref()), situation.recent).0
+        };
+        evaluator.trips(task, false, &choose)
+    }
+}
+
+fn values_at(instances: &Instances, worth: &[f64], point: MatRef<'_, f32>) -> [f64; 3] {
+    // A pose is finite, and so are the values then.
+    let told = instances.action_values(&[worth], point).unwrap_or_default();
+    told.first().map_or([0.0; 3], |q| [q[(0, 0)], q[(1, 0)], q[(2, 0)]])
+}
+
+/// A pose as a point.
+fn point(pose: &Pose) -> [f32; 4] {
+    let (place, ahead) = (pose.position, METRES_PER_RADIAN * pose.direction());
+    [place.x as f32, place.y as f32, ahead.x as f32, ahead.y as f32]
+}
