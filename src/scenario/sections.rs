@@ -1046,7 +1046,7 @@ impl Task {
             ),
             wall_distance: s.number(
                 "wall_distance",
-                0.4,
+                0.3,
                 "m",
                 Range::within(0.0, 1000.0),
                 "robot centre to wall that counts as near",

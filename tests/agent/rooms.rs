@@ -150,9 +150,9 @@ fn rewards_know_the_walls_of_all_rooms() {
     let wall = scenario.tasks[0].wall_reward;
     assert_eq!(reward(2.75, 2.75), 0.0);
     // In the doorway there is no wall; the corridor's sides are walls, of which the corners stick out.
-    assert_eq!((reward(5.5, 2.75), reward(5.5, 2.5)), (0.0, wall));
-    assert_eq!((reward(7.0, 2.75), reward(7.0, 2.54)), (0.0, wall));
-    assert_eq!((reward(5.2, 1.0), reward(0.39, 2.0)), (wall, wall));
+    assert_eq!((reward(5.5, 2.75), reward(5.5, 2.4)), (0.0, wall));
+    assert_eq!((reward(7.0, 2.75), reward(7.0, 2.44)), (0.0, wall));
+    assert_eq!((reward(5.25, 1.0), reward(0.29, 2.0)), (wall, wall));
     assert_eq!(reward(scenario.tasks[0].goal[0], scenario.tasks[0].goal[1]), 1.0);
 }
 

@@ -198,6 +198,27 @@ fn distractors_hide_what_is_behind_them_and_are_hidden_by_walls() {
     assert!(differs(&seen, 160, top as usize + 2) && !differs(&seen, 160, top as usize - 2));
 }
 
+#[test]
+fn other_papers_change_the_patterns_of_walls_and_floor_and_nothing_else() {
+    let (_, plain) = lab(&[]);
+    let (_, same) = lab(&["world.papers=0"]);
+    let (first, papered) = lab(&["world.papers=1"]);
+    let (_, other) = lab(&["world.papers=2"]);
+    let pose = Pose::new(Point2::new(1.0, 0.9), 0.3);
+    let [plain, same, papered, other] = [plain, same, papered, other].map(|world| world.looks.render(&pose, 0));
+    assert_eq!(plain.rgb, same.rgb);
+    // Where the far surroundings are seen nothing changes; nearly all else does.
+    let top = 3 * 320 * 20;
+    assert_eq!(plain.rgb[..top], papered.rgb[..top]);
+    for [a, b] in [[&plain, &papered], [&papered, &other]] {
+        let differing = a.rgb.chunks(3).zip(b.rgb.chunks(3)).filter(|(a, b)| a != b).count();
+        assert!(differing > a.rgb.len() / 3 / 2, "{differing}");
+    }
+    // The whole scenario, read again, is the same.
+    let again = Scenario::parse(&first.text, std::path::Path::new("again.toml"), &[]).unwrap();
+    assert_eq!(again.world, first.world);
+}
+
 fn poses(count: u32) -> Vec<Pose> {
     let pose = |i| {
         let share = |step: f64| (f64::from(i) * step).fract();
