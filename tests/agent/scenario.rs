@@ -110,6 +110,9 @@ fn a_fault_names_value_range_and_the_key_that_was_meant() {
     assert_fault(&misspelt, &[], "value.gama", &["did you mean gamma?"]);
     assert_fault(&room, &["value.gamma=1.0"], "value.gamma", &["= 1 ", "[0, 0.9999]"]);
     assert_fault(&room, &["robot.turn_deg=nan"], "robot.turn_deg", &["NaN", "(0, 180]"]);
+    assert_fault(&room, &["world.papers=-1"], "world.papers", &["-1", "[0, 1000000]"]);
+    let upside_down = format!("{room}[[world.distractor]]\npath = [[0.5, 0.5], [1.0, 1.0]]\nbottom = 2.0\n");
+    assert_fault(&upside_down, &[], "world.distractor.0.bottom", &["= 2 ", "below top = 1.7"]);
 }
 
 #[test]
