@@ -85,9 +85,10 @@ impl Lab {
     ///
     /// # Errors
     /// As those of [`Lab::new`].
-    pub fn world(place: usize, seed: u64, sets: &[&str]) -> Result<Self, ExperimentError> {
+    pub fn world(place: usize, seed: u64, sets: &[String]) -> Result<Self, ExperimentError> {
         let (name, text) = WORLDS[place];
-        Lab::of(text, &format!("{name}.toml"), seed, Vec::new(), sets)
+        let sets: Vec<&str> = sets.iter().map(String::as_str).collect();
+        Lab::of(text, &format!("{name}.toml"), seed, Vec::new(), &sets)
     }
 
     /// The same as the agent drives in it, with the scenario's frames for each action.

@@ -1,8 +1,9 @@
 //! `worlds`: the agent with its default settings in every world there is, beside what it is to be compared with.
 //!
 //! Each seed papers all walls and the floor anew, so that nothing can be tuned to a texture. All are tried from the same starts
-//! with the camera (policies of the true pose with that). The agent is run as `adagio run` does it; the batch pipeline and
-//! the policies of the true pose learn from a random walk of as many actions; Stream-Q(λ) acts on its own values.
+//! with the camera (policies of the true pose with that). The agent is run as `adagio run` does it, but for a camera that renders
+//! only what vision needs; the batch pipeline and the policies of the true pose learn from a random walk of as many actions;
+//! Stream-Q(λ) acts on its own values.
 
 use std::collections::BTreeMap;
 
@@ -87,6 +88,8 @@ struct Settings {
     method: Method,
     starts: (usize, usize),
     small: bool,
+    /// Keys of the scenario that are set.
+    sets: Vec<String>,
 }
 
 /// What a method comes to in a world.
@@ -131,18 +134,23 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     for &place in which {
         let (name, _) = WORLDS[place];
         for seed in scope.seeds.clone() {
-            let papers = format!("world.papers={seed}");
-            let planned = Lab::world(place, seed, &[&papers])?;
+            let mut sets = vec![format!("world.papers={seed}")];
+            let planned = Lab::world(place, seed, &sets)?;
             let actions = planned.scenario.actions as usize / share;
-            let lab = Lab::world(place, seed, &[&papers, &format!("actions={actions}")])?;
+            sets.push(format!("actions={actions}"));
+            if let Some(vectors) = scope.vectors {
+                let features = planned.scenario.slow.features.min(vectors);
+                sets.extend([format!("dictionary.budget={vectors}"), format!("slow.features={features}")]);
+            }
+            let lab = Lab::world(place, seed, &sets)?;
             let shared = Once::default();
             for method in Method::ALL {
                 let small = share > 1;
-                let settings = Settings { data: Data::new(&lab, actions), actions, method, starts, small };
+                let (data, sets) = (Data::new(&lab, actions), sets.clone());
+                let settings = Settings { data, actions, method, starts, small, sets };
                 let tried: Tried =
                     bench.result(&format!("{name}, {}, seed {seed}", method.name()), &settings, || match method {
-                        Method::Agent => of_agent(&settings, (place, seed), bench),
-                        Method::AgentLinear => of_agent(&settings, (place, seed), bench),
+                        Method::Agent | Method::AgentLinear => of_agent(&settings, (place, seed), bench),
                         _ => of_field(shared.get(|| Field::new(&lab, actions, starts.0, bench))?, method, actions),
                     })?;
                 found.entry((place, method)).or_default().push(tried);
@@ -160,7 +168,8 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
                 starts.1
             ),
             format!(
-                "Each seed has patterns of its own on walls and floor (world.papers). Batch pipeline and true pose learn from a random \
+                "Each seed has patterns of its own on walls and floor (world.papers); the camera renders what vision needs \
+                 (camera.detail). Batch pipeline and true pose learn from a random \
                  walk of as many actions as the agent drives, with the scenario's number of features; the batch pipeline has one \
                  support vector for {FRAMES_PER_VECTOR} of its frames, at most the scenario's budget. Stream-Q(λ) begins at a \
                  random pose after each goal or episode, which helps it. The reference policy turns to the goal and drives: walls \
@@ -173,7 +182,7 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
 
 /// A run of the agent: how good its last policies are, and its curve.
 fn of_agent(settings: &Settings, (place, seed): (usize, u64), bench: &Bench<'_>) -> Result<Tried, ExperimentError> {
-    let mut sets = vec![format!("world.papers={seed}"), format!("actions={}", settings.actions)];
+    let mut sets = settings.sets.clone();
     if settings.method == Method::AgentLinear {
         sets.push("value.method=lspi".into());
     }
