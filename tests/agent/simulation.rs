@@ -98,8 +98,8 @@ fn rewards_are_those_of_the_goal_and_near_walls() {
     assert_eq!(reward(0, 1.5, 0.51), 0.0);
     // Inside the goal, near a wall: the goal counts.
     assert_eq!(reward(1, 2.4, 0.3), 1.0);
-    assert_eq!(reward(1, 0.39, 0.9), -0.3);
-    assert_eq!(reward(1, 0.41, 0.9), 0.0);
+    assert_eq!(reward(1, 0.29, 0.9), -0.3);
+    assert_eq!(reward(1, 0.31, 0.9), 0.0);
 }
 
 #[test]
