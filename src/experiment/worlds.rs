@@ -23,7 +23,7 @@ use crate::report::draw::Axis;
 pub const EXPERIMENT: Experiment = Experiment {
     name: "worlds",
     line: "the agent in every world, with local and linear values, beside batch pipeline, true pose, Stream-Q(λ), random, reference",
-    lasts: Sizes { full: "2 hours", quick: "half an hour", smoke: "seconds" },
+    lasts: Sizes { full: "hours", quick: "a quarter of an hour", smoke: "seconds" },
     run,
 };
 

@@ -12,7 +12,7 @@ use rapier2d::prelude::{ColliderBuilder, PhysicsWorld, Ray, Vector};
 
 use crate::scenario::{Wall, nearest, plan_segments};
 
-/// A swept disc stops this far from a wall, metres, so that rays from its rim begin on its side of the wall.
+/// A swept disc stops this far from a wall, metres, so that rounding never puts it into one.
 const SKIN: f64 = 1e-3;
 /// A disc that touches a wall may come nearer by this, metres, so that rounding does not stop one that goes along it.
 const SLACK: f64 = 1e-9;
@@ -182,12 +182,12 @@ mod tests {
     }
 
     #[test]
-    fn a_disc_slips_along_a_wall_that_it_touches_and_past_an_end() {
+    fn a_disc_slips_along_a_wall_that_it_touches_and_gets_out_of_one() {
         let arena = room();
         let at = Point2::new(0.5, 0.1 + SKIN);
         let (free, blocked) = arena.sweep(at, Vector2::new(1.5, 0.0), 0.1);
         assert_eq!((free, blocked), (Vector2::new(1.5, 0.0), false));
-        // In there by a millimetre, out is free and further in is not.
+        // In it by a millimetre: out is free, and further in is not.
         let (free, blocked) = arena.sweep(Point2::new(0.5, 0.099), Vector2::new(0.0, 0.5), 0.1);
         assert_eq!((free, blocked), (Vector2::new(0.0, 0.5), false));
         let (free, blocked) = arena.sweep(Point2::new(0.5, 0.099), Vector2::new(0.5, -0.01), 0.1);

@@ -5,8 +5,9 @@ use std::path::Path;
 use std::sync::Arc;
 
 use crate::common::{adagio, package_file, report, stderr};
+use crate::scenario::faults_of;
 use adagio::policy::optimal_steps;
-use adagio::scenario::{Fault, Scenario, ScenarioError};
+use adagio::scenario::Scenario;
 use adagio::world::{Pose, World};
 use nalgebra::{Point2, Vector2};
 use proptest::prelude::*;
@@ -154,15 +155,6 @@ fn rewards_know_the_walls_of_all_rooms() {
     assert_eq!((reward(7.0, 2.75), reward(7.0, 2.44)), (0.0, wall));
     assert_eq!((reward(5.25, 1.0), reward(0.29, 2.0)), (wall, wall));
     assert_eq!(reward(scenario.tasks[0].goal[0], scenario.tasks[0].goal[1]), 1.0);
-}
-
-fn faults_of(text: &str, sets: &[&str]) -> Vec<Fault> {
-    let sets: Vec<String> = sets.iter().map(|&set| set.to_owned()).collect();
-    match Scenario::parse(text, Path::new("test.toml"), &sets) {
-        Err(ScenarioError::Invalid { faults, .. }) => faults,
-        Err(other) => panic!("{other}"),
-        Ok(_) => Vec::new(),
-    }
 }
 
 #[test]

@@ -17,7 +17,7 @@ name = \"centre\"
 goal = [1.5, 0.9]
 ";
 
-fn faults_of(text: &str, sets: &[&str]) -> Vec<Fault> {
+pub fn faults_of(text: &str, sets: &[&str]) -> Vec<Fault> {
     let sets: Vec<String> = sets.iter().map(|&set| set.to_owned()).collect();
     match Scenario::parse(text, Path::new("test.toml"), &sets) {
         Err(ScenarioError::Invalid { faults, .. }) => faults,
