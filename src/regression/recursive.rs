@@ -85,7 +85,8 @@ impl<T: Scalar> KernelRls<T> {
     /// `x: d × b`, `t: q × b`; the result is `q × b`.
     ///
     /// # Errors
-    /// Shapes that do not fit, or values that are not finite; nothing is changed then.
+    /// Shapes that do not fit, or values that are not finite; nothing is changed then. A function or a prediction too
+    /// large for `f64`; the samples up to there are learned then.
     pub fn observe(&mut self, x: MatRef<'_, T>, t: MatRef<'_, f64>) -> Result<Mat<f64>, RegressionError> {
         RegressionError::unless_fits("the length of a target", t.nrows(), self.weights.ncols())?;
         RegressionError::unless_fits("the number of targets", t.ncols(), x.ncols())?;
@@ -111,16 +112,22 @@ impl<T: Scalar> KernelRls<T> {
             if let Some(thinning) = self.selection.thin()? {
                 self.follow(&thinning)?;
             }
+            self.solve()?;
         }
-        Ok(predictions)
+        if predictions.is_all_finite() { Ok(predictions) } else { Err(RegressionError::Overflow("a prediction")) }
     }
 
-    /// Rotate a sample into the factor, and solve for the weights.
-    fn learn(&mut self, mut v: Vec<f64>, mut t: Vec<f64>) {
+    fn learn(&mut self, v: Vec<f64>, t: Vec<f64>) {
         let (m, q) = (v.len(), t.len());
         self.factor.resize_with(m, m, |_, _| 0.0);
         self.rotated.resize_with(q, m, |_, _| 0.0);
-        for i in 0..m {
+        self.rotate(v, t);
+        self.samples += 1;
+    }
+
+    /// Rotate a sample into the factor.
+    fn rotate(&mut self, mut v: Vec<f64>, mut t: Vec<f64>) {
+        for i in 0..v.len() {
             if v[i] == 0.0 {
                 continue;
             }
@@ -135,8 +142,6 @@ impl<T: Scalar> KernelRls<T> {
         }
         // What no rotation could take up is the sample's part in the least squared error.
         self.squared_error += t.iter().map(|rest| rest * rest).sum::<f64>();
-        self.samples += 1;
-        self.solve();
     }
 
     /// Follow a dictionary that lost support vectors: with `TΛ = Λ′Q`, the right-hand side becomes `Q` times itself.
@@ -146,13 +151,36 @@ impl<T: Scalar> KernelRls<T> {
         self.squared_error += (self.rotated.squared_norm_l2() - rotated.squared_norm_l2()).max(0.0);
         self.factor = qr.thin_R().transpose().to_owned();
         self.rotated = rotated;
-        self.solve();
+        // Where members of very different size leave, of a coordinate only rounding may be left beside what the
+        // coordinates before it explain. No sample speaks for it then: its column's rest goes to the later coordinates.
+        let m = self.factor.nrows();
+        for i in 0..m {
+            let rounding = m as f64 * f64::EPSILON * self.factor.row(i).subcols(0, i + 1).norm_l2();
+            if self.factor[(i, i)].abs() <= rounding {
+                self.factor[(i, i)] = 0.0;
+                let v = self.factor.col(i).iter().copied().collect();
+                let t = self.rotated.col(i).iter().copied().collect();
+                self.factor.col_mut(i).fill(0.0);
+                self.rotated.col_mut(i).fill(0.0);
+                self.rotate(v, t);
+            }
+        }
         Ok(())
     }
 
-    fn solve(&mut self) {
+    /// The weights; zero for a coordinate that no sample speaks for.
+    fn solve(&mut self) -> Result<(), RegressionError> {
         self.weights = self.rotated.transpose().to_owned();
-        solve_upper_triangular_in_place(self.factor.transpose(), self.weights.as_mut(), Par::Seq);
+        let m = self.factor.nrows();
+        if (0..m).all(|i| self.factor[(i, i)] != 0.0) {
+            solve_upper_triangular_in_place(self.factor.transpose(), self.weights.as_mut(), Par::Seq);
+        } else {
+            // Column and right-hand side of such a coordinate are zero: any pivot gives the weight zero.
+            let pivot = |i, j, value| if i == j && value == 0.0 { 1.0 } else { value };
+            let factor = Mat::from_fn(m, m, |i, j| pivot(i, j, self.factor[(i, j)]));
+            solve_upper_triangular_in_place(factor.transpose(), self.weights.as_mut(), Par::Seq);
+        }
+        if self.weights.is_all_finite() { Ok(()) } else { Err(RegressionError::Overflow("the weights")) }
     }
 
     /// The mean squared error of the function over all samples so far, with each sample's coordinates as they were when

@@ -748,6 +748,22 @@ proptest! {
 }
 
 #[test]
+fn a_member_that_leaves_only_rounding_behind_spoils_no_weight() {
+    // k(x, x) between 3e2 and 1e51: when the member of 3e2 is replaced, what is left of it is rounding of the others.
+    let kernel = Kernel::polynomial(26, 1.2479975682282536).unwrap();
+    let row = [0.0, 0.5094657504267451, -0.3737626229123043, -9.728933902092985, 8.867309004787826, 9.287859500250569];
+    let x = Mat::from_fn(1, 7, |_, j| if j < 6 { row[j] } else { -1.7271332989562083 });
+    let t = Mat::from_fn(1, 7, |_, _| 5.96713674946158);
+    let settings = Parameters { kernel, when_full: WhenFull::Replace, ..parameters(1.0, 1e-3, 6) };
+    let mut rls = KernelRls::new(settings, 1).unwrap();
+    for _ in 0..20 {
+        let predictions = rls.observe(x.as_ref(), t.as_ref()).unwrap();
+        assert!(predictions.is_all_finite() && rls.weights().is_all_finite() && rls.training_error().is_finite());
+    }
+    assert_eq!(rls.dictionary().len(), 6);
+}
+
+#[test]
 fn sizes_out_of_reach_are_refused() {
     let most = usize::MAX;
     let refused = |error: RegressionError| {
