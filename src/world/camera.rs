@@ -12,7 +12,7 @@ use nalgebra::{Point2, Vector2};
 
 use super::distractors::Present;
 use super::pyramids::Pyramid;
-use super::texture::{TextureMap, fixed};
+use super::texture::{Span, TextureMap, fixed};
 use super::{Image, Pose};
 use crate::scenario::{self, Detail, Scenario, plan_pieces};
 
@@ -96,13 +96,15 @@ impl Camera {
         let mut panels = Vec::new();
         let mut walls = Vec::new();
         for (index, wall) in scenario.world.walls.iter().enumerate() {
+            let mut whole = 0.0;
             for (a, b, offset) in plan_pieces(wall) {
                 let length = (b - a).norm();
+                whole = offset + length;
                 if length > 0.0 {
                     panels.push(Panel { from: a, along: (b - a) / length, length, offset, wall: index });
                 }
             }
-            walls.push((wall.height, TextureMap::new(&wall.texture, None)?));
+            walls.push((wall.height, TextureMap::new(&wall.texture, Span::Wall(whole))?));
         }
         let (settings, vision) = (&scenario.camera, &scenario.vision);
         let (full_width, full_height) = (settings.width as f64, settings.height as f64);
@@ -134,8 +136,8 @@ impl Camera {
             panels,
             walls,
             pyramids: scenario.world.pyramids.iter().map(Pyramid::new).collect(),
-            floor: TextureMap::new(&scenario.world.floor, None)?,
-            surroundings: TextureMap::new(&scenario.world.surroundings, Some(360.0))?,
+            floor: TextureMap::new(&scenario.world.floor, Span::Endless)?,
+            surroundings: TextureMap::new(&scenario.world.surroundings, Span::Around(360.0))?,
         })
     }
 

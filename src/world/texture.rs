@@ -6,11 +6,25 @@ use rand_chacha::ChaCha8Rng;
 use crate::random::stream;
 use crate::scenario::{Pattern, Texture};
 
-/// Elements of a procedural pattern before it repeats.
+/// Elements of a procedural pattern before it repeats, unless a wall is longer.
 const ELEMENTS: usize = 8;
+
+/// Elements along a wall at most, before its pattern repeats nevertheless: the map takes 74 kB for each.
+const MOST_ELEMENTS: usize = 64;
 
 /// Texels per element.
 const TEXELS: usize = 48;
+
+/// How far a surface goes in the first of its directions.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Span {
+    /// Any length: a procedural pattern repeats as a tile does.
+    Endless,
+    /// So many metres: a procedural pattern does not repeat on it, so that places along a wall can be told apart.
+    Wall(f64),
+    /// Around the robot: every pattern repeats after exactly so many degrees.
+    Around(f64),
+}
 
 /// A surface colour map that repeats in both directions.
 #[derive(Debug, Clone)]
@@ -30,11 +44,11 @@ pub fn fixed(periods: f64) -> u32 {
 }
 
 impl TextureMap {
-    /// The map of a surface. `around`: the pattern must repeat after exactly this length (360° for surroundings).
+    /// The map of a surface.
     ///
     /// # Errors
     /// An image file that cannot be read.
-    pub fn new(texture: &Texture, around: Option<f64>) -> Result<Self, image::ImageError> {
+    pub fn new(texture: &Texture, span: Span) -> Result<Self, image::ImageError> {
         let mut map = match &texture.image {
             Some(path) => {
                 let picture = image::ImageReader::open(path)?.decode()?.to_rgb8();
@@ -42,9 +56,9 @@ impl TextureMap {
                 let texel = |x: usize, y: usize| picture.get_pixel(x as u32, y as u32).0;
                 TextureMap::of(width, height, height as f64 / texture.scale, texel)
             }
-            None => procedural(texture, around),
+            None => procedural(texture, span),
         };
-        if let Some(length) = around {
+        if let Span::Around(length) = span {
             map.periods[0] = (map.periods[0] * length).round().max(1.0) / length;
         }
         Ok(map)
@@ -90,8 +104,12 @@ fn texel(phase: u32, length: usize) -> usize {
     ((u64::from(phase) * length as u64) >> 32) as usize
 }
 
-fn procedural(texture: &Texture, around: Option<f64>) -> TextureMap {
-    let across = around.map_or(ELEMENTS, |length| (length / texture.scale).round().max(1.0) as usize);
+fn procedural(texture: &Texture, span: Span) -> TextureMap {
+    let across = match span {
+        Span::Endless => ELEMENTS,
+        Span::Wall(length) => ((length / texture.scale).ceil() as usize).clamp(ELEMENTS, MOST_ELEMENTS),
+        Span::Around(length) => (length / texture.scale).round().max(1.0) as usize,
+    };
     let mut rng = stream(texture.seed, "texture");
     let palette: Vec<[f64; 3]> = (0..across * ELEMENTS).map(|_| colour(texture, &mut rng)).collect();
     let (width, height) = (across * TEXELS, ELEMENTS * TEXELS);
@@ -207,9 +225,9 @@ mod tests {
 
     #[test]
     fn patterns_repeat_and_depend_on_the_seed_only() {
-        let map = TextureMap::new(&smooth(3), None).unwrap();
-        let again = TextureMap::new(&smooth(3), None).unwrap();
-        let other = TextureMap::new(&smooth(4), None).unwrap();
+        let map = TextureMap::new(&smooth(3), Span::Endless).unwrap();
+        let again = TextureMap::new(&smooth(3), Span::Endless).unwrap();
+        let other = TextureMap::new(&smooth(4), Span::Endless).unwrap();
         assert_eq!(map.texels, again.texels);
         assert_ne!(map.texels, other.texels);
         let column = |along| map.column(map.phase(0, along));
@@ -222,9 +240,25 @@ mod tests {
     }
 
     #[test]
+    fn a_long_wall_does_not_repeat_and_a_short_one_is_as_any_surface() {
+        let tile = TextureMap::new(&smooth(3), Span::Endless).unwrap();
+        let period = 0.5 * ELEMENTS as f64;
+        assert_eq!(TextureMap::new(&smooth(3), Span::Wall(period)).unwrap().texels, tile.texels);
+        let wall = TextureMap::new(&smooth(3), Span::Wall(period + 1.2)).unwrap();
+        let column = |along| wall.column(wall.phase(0, along));
+        assert_eq!(wall.width, (ELEMENTS + 3) * TEXELS);
+        for along in [0.1, 0.4, 0.9, 1.1] {
+            assert_ne!(column(along), column(along + period));
+        }
+        assert_eq!(column(0.1), column(0.1 + period + 1.5));
+        let longest = TextureMap::new(&smooth(3), Span::Wall(1e9)).unwrap();
+        assert_eq!(longest.width, MOST_ELEMENTS * TEXELS);
+    }
+
+    #[test]
     fn surroundings_close_after_a_full_turn() {
         let far = Texture { scale: 35.0, ..smooth(8) };
-        let map = TextureMap::new(&far, Some(360.0)).unwrap();
+        let map = TextureMap::new(&far, Span::Around(360.0)).unwrap();
         let column = |degrees| map.column(map.phase(0, degrees));
         assert_eq!(column(0.01), column(360.01));
         assert_eq!(column(359.999), &map.texels[(map.width - 1) * map.height..]);
