@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::messages::Percept;
 use crate::parts::{Parts, PartsError, Persist};
-use crate::policy::{Behaviour, Learned, Leg, Recent, Reflexes, Tally, Walk};
+use crate::policy::{Behaviour, Learned, Leg, Reflexes, Tally, Walk};
 use crate::random::stream;
 use crate::scenario::Scenario;
 use crate::world::Action;
@@ -55,15 +55,14 @@ impl Act {
 
     /// The next action. What was executed last is in the percept: a replay executes what was recorded, whatever is decided.
     pub fn step(&mut self, percept: &Percept) -> Decision {
-        let recent = Recent { action: percept.action, blocked: percept.blocked };
         let leg = self.behaviour.next(self.number, &percept.judged.in_goal, self.learned.is_some());
         let (action, q_values, reflex) = match (leg, &self.learned) {
             (Leg::Pursue(task), Some(learned)) => {
                 let values = learned.q_values(&percept.observation, task);
-                let (action, reflex) = self.reflexes.best(values, recent);
+                let (action, reflex) = self.reflexes.best(values, percept.recent);
                 (action, Some(values), reflex)
             }
-            _ => (self.walk.choose(&percept.sonar, self.reflexes, recent), None, false),
+            _ => (self.walk.choose(&percept.sonar, self.reflexes, percept.recent), None, false),
         };
         self.number += 1;
         let epoch = self.learned.as_ref().map_or(0, |learned| learned.epoch);

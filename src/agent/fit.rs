@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use super::messages::{FitRequest, Lived, Update};
 use crate::parts::{Parts, PartsError, Persist};
-use crate::policy::{Learned, Recent, Reflexes, columns, points};
+use crate::policy::{Learned, columns, points};
 use crate::scenario::{Method, Scenario, Task};
 use crate::slow::{SlowError, SlowModel};
 use crate::value::{
@@ -27,7 +27,6 @@ const PROJECT_AT_ONCE: usize = 512;
 /// Values of all tasks from the window.
 pub struct FitPolicies {
     scenario: Arc<Scenario>,
-    reflexes: Reflexes,
     par: Par,
     epoch: u32,
 }
@@ -35,7 +34,7 @@ pub struct FitPolicies {
 impl FitPolicies {
     /// A fitter for the tasks of a scenario; its results do not depend on `par`.
     pub fn new(scenario: Arc<Scenario>, par: Par) -> Self {
-        FitPolicies { reflexes: Reflexes::new(&scenario.policy), scenario, par, epoch: 0 }
+        FitPolicies { scenario, par, epoch: 0 }
     }
 
     /// Policies for a new model. Nothing of an older model is used: the whole window is projected again.
@@ -88,7 +87,7 @@ impl FitPolicies {
         let options = LocalOptions { neighbours: settings.neighbours, ridge: settings.local_ridge };
         let instances = Arc::new(Instances::new(at(&|t| t.from.frame), counts, options)?);
         let local = Local::new(&instances, at(&|t| t.to.frame).as_ref())?;
-        let allowed: Vec<u32> = sorted.iter().map(|t| self.allowed_after(t)).collect();
+        let allowed: Vec<u32> = sorted.iter().map(|t| t.allowed).collect();
         let fit = |(number, task): (usize, &Task)| {
             let rewards: Vec<f64> = sorted.iter().map(|t| t.result.rewards[number]).collect();
             let ended: Vec<bool> = sorted.iter().map(|t| task.absorbing && t.result.in_goal[number]).collect();
@@ -118,7 +117,7 @@ impl FitPolicies {
             tolerance: settings.tolerance,
             ..LspiOptions::default()
         };
-        let allowed: Vec<u32> = window.iter().map(|t| self.allowed_after(t)).collect();
+        let allowed: Vec<u32> = window.iter().map(|t| t.allowed).collect();
         let fit = |(number, task): (usize, &Task)| {
             let rewards: Vec<f64> = window.iter().map(|t| t.result.rewards[number]).collect();
             let outcomes = Outcomes { next: next.as_ref(), rewards: &rewards, allowed: Some(&allowed) };
@@ -137,15 +136,6 @@ impl FitPolicies {
             _ => tasks.par_iter().enumerate().map(fit).collect(),
         };
         fits.into_iter().collect()
-    }
-
-    /// The actions that the reflexes let follow a transition, as bits.
-    fn allowed_after(&self, transition: &Lived) -> u32 {
-        let recent = Recent { action: Some(Action::ALL[transition.action]), blocked: transition.blocked };
-        Action::ALL
-            .into_iter()
-            .filter(|&action| self.reflexes.allow(action, recent))
-            .fold(0, |bits, action| bits | 1 << action.index())
     }
 }
 

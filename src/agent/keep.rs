@@ -17,7 +17,7 @@ use super::goals::Judged;
 use super::messages::{Percept, Update};
 use crate::kernel::Kernel;
 use crate::parts::{Parts, PartsError, Persist};
-use crate::policy::Learned;
+use crate::policy::{Learned, Recent};
 use crate::slow::{Link, SlowModel};
 use crate::value::{Fit, Instances, LocalOptions, Transition, Window};
 use crate::vision::Observation;
@@ -104,21 +104,25 @@ fn percept(parts: &mut Parts, percept: &mut Option<Percept>) -> Result<(), Parts
     let mut pixels = of.map_or(Vec::new(), |p| p.observation.pixels.clone());
     let mut sonar = of.map_or(Vec::new(), |p| p.sonar.clone());
     let mut action = of.and_then(|p| p.action).map(Action::index);
+    let mut recent = recent_numbers(of.map_or(Recent::default(), |p| p.recent));
     let mut came_to = of.map(CameTo::of);
     parts.value("frame", &mut frame)?;
     parts.value("stamp_ns", &mut stamp_ns)?;
     parts.numbers("pixels", &mut pixels)?;
     parts.numbers("sonar", &mut sonar)?;
     parts.value("action", &mut action)?;
+    parts.value("recent", &mut recent)?;
     parts.value("came_to", &mut came_to)?;
     if parts.is_restoring() {
         let action = action.map(|number| action_of(parts, number)).transpose()?;
+        let recent = recent_of(parts, recent)?;
         *percept = came_to.map(|came_to| Percept {
             observation: Arc::new(Observation { frame, pixels }),
             stamp_ns,
             sonar,
             action,
             blocked: came_to.blocked,
+            recent,
             judged: came_to.judged(),
             asked: Vec::new(),
         });
@@ -291,6 +295,17 @@ pub fn action_of(parts: &Parts, number: usize) -> Result<Action, PartsError> {
     Ok(action.unwrap_or(Action::Forward))
 }
 
+/// What the robot did last, by the numbers of actions.
+pub fn recent_numbers(recent: Recent) -> [Option<usize>; 2] {
+    [recent.action, recent.blocked].map(|action| action.map(Action::index))
+}
+
+/// What the robot did last, from the numbers of actions.
+pub fn recent_of(parts: &Parts, [action, blocked]: [Option<usize>; 2]) -> Result<Recent, PartsError> {
+    let of = |number: Option<usize>| number.map(|number| action_of(parts, number)).transpose();
+    Ok(Recent { action: of(action)?, blocked: of(blocked)? })
+}
+
 /// Observations that several others refer to by their frames: each is kept once.
 #[derive(Default)]
 pub struct Seen {
@@ -333,7 +348,7 @@ struct Stored {
     arrival: u64,
     from: u64,
     action: usize,
-    blocked: bool,
+    allowed: u32,
     /// Where it ended.
     place: [u64; 2],
     to: u64,
@@ -352,7 +367,7 @@ pub fn put_window(window: &Lives, seen: &mut Seen, parts: &mut Parts) -> Result<
             arrival,
             from: seen.add(&t.from),
             action: t.action,
-            blocked: t.blocked,
+            allowed: t.allowed,
             place: place_bits(t.result),
             to: seen.add(&t.to),
             cell: t.cell,
@@ -371,7 +386,7 @@ pub fn take_window(capacity: usize, seen: &Seen, parts: &mut Parts) -> Result<Li
     let transition = |t: Stored| {
         action_of(parts, t.action)?;
         let (from, to, result) = (seen.get(t.from)?, seen.get(t.to)?, place_of(t.place));
-        Ok((t.arrival, Transition { from, action: t.action, blocked: t.blocked, result, to, cell: t.cell }))
+        Ok((t.arrival, Transition { from, action: t.action, allowed: t.allowed, result, to, cell: t.cell }))
     };
     let entries: Result<Vec<_>, PartsError> = stored.into_iter().map(transition).collect();
     Ok(Window::restored(capacity, entries?, next))

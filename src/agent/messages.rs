@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::goals::Judged;
 use super::keep::Mark;
 use crate::dictionary::Dictionary;
-use crate::policy::Learned;
+use crate::policy::{Learned, Recent};
 use crate::slow::{Moments, SlowModel};
 use crate::value::{Fit, Transition};
 use crate::vision::Observation;
@@ -29,6 +29,8 @@ pub struct Percept {
     pub action: Option<Action>,
     /// Whether a wall stopped the robot.
     pub blocked: bool,
+    /// What the reflexes are to know of the actions so far.
+    pub recent: Recent,
     pub judged: Judged,
     /// Frames at which models were asked for since the percept before.
     pub asked: Vec<u64>,

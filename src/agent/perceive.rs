@@ -9,16 +9,19 @@ use thiserror::Error;
 
 use super::crew::parallelism;
 use super::goals::Goals;
-use super::keep::{Seen, action_of, link_bits, link_of, place_bits, place_of, put_window, take_window, wrong};
+use super::keep::{
+    Seen, action_of, link_bits, link_of, place_bits, place_of, put_window, recent_numbers, recent_of, take_window,
+    wrong,
+};
 use super::messages::{Lived, Percept, SolveRequest};
 use super::schedule::Schedule;
 use crate::dictionary::{Ald, DictionaryError, Parameters, Reservoir, Selection, width_for_size};
 use crate::kernel::{Kernel, KernelError, median_distance};
 use crate::parts::{Parts, PartsError, Persist};
-use crate::policy::columns;
+use crate::policy::{Recent, Reflexes, columns};
 use crate::scenario::{self, Scenario, SelectionRule};
 use crate::slow::{Link, SlowError, SlowStream, StreamOptions};
-use crate::source::{Boundary, Frame, GoalMove, View};
+use crate::source::{Frame, GoalMove, View};
 use crate::value::{Transition, Window};
 use crate::vision::{Observation, Observer};
 use crate::world::{Action, World};
@@ -50,8 +53,8 @@ const NARROWEST: f64 = 0.5;
 struct Pending {
     observation: Arc<Observation>,
     link: Option<Link>,
-    /// For the last frame of an action: what it came to, and where.
-    boundary: Option<(Boundary, Point2<f64>)>,
+    /// For the last frame of an action: where it ended, and which actions may follow, as bits.
+    boundary: Option<(Point2<f64>, u32)>,
     action: Option<Action>,
 }
 
@@ -96,6 +99,8 @@ pub struct Perceive {
     /// Goals may move: the window keeps where an action ended, and rewards are told from that when they are needed.
     window: Window<Arc<Observation>, Point2<f64>>,
     last_number: Option<u64>,
+    reflexes: Reflexes,
+    recent: Recent,
     /// The observation before the action that is going on, and its cell.
     last_boundary: Option<(Arc<Observation>, usize)>,
     asked: Vec<u64>,
@@ -115,12 +120,14 @@ impl Perceive {
             goals: Goals::new(&scenario, world),
             window: Window::new(scenario.value.window),
             par: parallelism(&scenario.agent),
+            reflexes: Reflexes::new(&scenario.policy),
             scenario,
             schedule,
             observer: Observer::default(),
             stream: None,
             pending: Vec::new(),
             last_number: None,
+            recent: Recent::default(),
             last_boundary: None,
             asked: Vec::new(),
             owed: false,
@@ -149,10 +156,13 @@ impl Perceive {
             weight: if action == Action::Forward { self.scenario.slow.move_weight } else { 1.0 },
         });
         let place = frame.pose.position;
+        if let (Some(boundary), Some(action)) = (&frame.boundary, frame.action) {
+            self.recent = self.recent.then(action, boundary.blocked);
+        }
         self.pending.push(Pending {
             observation: observation.clone(),
             link,
-            boundary: frame.boundary.map(|boundary| (boundary, place)),
+            boundary: frame.boundary.map(|_| (place, self.reflexes.allowed(self.recent))),
             action: frame.action,
         });
         self.last_number = Some(frame.number);
@@ -173,6 +183,7 @@ impl Perceive {
             sonar: frame.sonar,
             action: frame.action,
             blocked: boundary.blocked,
+            recent: self.recent,
             judged: self.goals.judge(place),
             asked: std::mem::take(&mut self.asked),
         });
@@ -227,8 +238,8 @@ impl Perceive {
 
     fn judged_window(&self) -> Vec<Lived> {
         let judge = |t: Transition<Arc<Observation>, Point2<f64>>| {
-            let Transition { from, action, blocked, result, to, cell } = t;
-            Transition { from, action, blocked, result: self.goals.judge(result), to, cell }
+            let Transition { from, action, allowed, result, to, cell } = t;
+            Transition { from, action, allowed, result: self.goals.judge(result), to, cell }
         };
         self.window.snapshot().into_iter().map(judge).collect()
     }
@@ -261,7 +272,7 @@ impl Perceive {
                     // Frames are missing before this one: what the action came to cannot be told.
                     self.last_boundary = None;
                 }
-                let Some((boundary, place)) = frame.boundary else { continue };
+                let Some((place, allowed)) = frame.boundary else { continue };
                 let Some(cell) = cell else {
                     // Nothing is known of where this action ended and the next one began.
                     self.last_boundary = None;
@@ -272,7 +283,7 @@ impl Perceive {
                     self.window.push(Transition {
                         from,
                         action: action.index(),
-                        blocked: boundary.blocked,
+                        allowed,
                         result: place,
                         to: frame.observation.clone(),
                         cell,
@@ -324,7 +335,7 @@ impl Perceive {
 struct Waiting {
     frame: u64,
     link: Option<(u64, u64)>,
-    came_to: Option<(bool, [u64; 2])>,
+    came_to: Option<([u64; 2], u32)>,
     action: Option<usize>,
 }
 
@@ -343,6 +354,9 @@ impl Persist for Perceive {
         }
         parts.inner("goals", &mut self.goals)?;
         parts.value("last_number", &mut self.last_number)?;
+        let mut recent = recent_numbers(self.recent);
+        parts.value("recent", &mut recent)?;
+        self.recent = recent_of(parts, recent)?;
         parts.value("owed", &mut self.owed)?;
         parts.value("refit", &mut self.refit)?;
         parts.value("last_request", &mut self.last_request)?;
@@ -364,7 +378,7 @@ impl Perceive {
             .map(|frame| Waiting {
                 frame: seen.add(&frame.observation),
                 link: frame.link.map(link_bits),
-                came_to: frame.boundary.map(|(boundary, place)| (boundary.blocked, place_bits(place))),
+                came_to: frame.boundary.map(|(place, allowed)| (place_bits(place), allowed)),
                 action: frame.action.map(Action::index),
             })
             .collect();
@@ -388,7 +402,7 @@ impl Perceive {
             Ok(Pending {
                 observation: seen.get(waiting.frame)?,
                 link: waiting.link.map(link_of),
-                boundary: waiting.came_to.map(|(blocked, place)| (Boundary { blocked }, place_of(place))),
+                boundary: waiting.came_to.map(|(place, allowed)| (place_of(place), allowed)),
                 action: waiting.action.map(|number| action_of(parts, number)).transpose()?,
             })
         };

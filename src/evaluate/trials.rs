@@ -368,7 +368,7 @@ impl Evaluator {
         }
         trial.actions.push(action);
         trial.poses.push(trial.robot.pose);
-        trial.recent = Recent { action: Some(action), blocked };
+        trial.recent = trial.recent.then(action, blocked);
         trial.arrived = in_goal(task, trial.robot.pose.position);
     }
 }

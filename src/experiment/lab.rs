@@ -138,7 +138,7 @@ impl Lab {
             let action = walk.choose(&sonar, reflexes, recent);
             let motion = robot.draw(action);
             let blocked = robot.drive(motion, &self.world.arena);
-            recent = Recent { action: Some(action), blocked };
+            recent = recent.then(action, blocked);
             walked.poses.push(robot.pose);
             walked.actions.push(action);
             walked.blocked.push(blocked);
@@ -294,15 +294,8 @@ pub struct Transition {
     pub action: Action,
     /// Whether a wall stopped it.
     pub blocked: bool,
-}
-
-impl Transition {
-    /// Actions that the reflexes let follow, as bits.
-    pub fn allows(&self, reflexes: Reflexes) -> u32 {
-        let recent = Recent { action: Some(self.action), blocked: self.blocked };
-        let allowed = Action::ALL.into_iter().filter(|&action| reflexes.allow(action, recent));
-        allowed.fold(0, |bits, action| bits | 1 << action.index())
-    }
+    /// What the reflexes know of it, and of what was done before.
+    pub recent: Recent,
 }
 
 impl Walked {
@@ -324,14 +317,24 @@ impl Walked {
         taken.sort_unstable();
         let with_mirrored = |t: usize| {
             let there = self.transition(t);
-            let back = |action| Transition { from: there.to, to: there.from, action, blocked: false };
+            let back = |action| Transition {
+                from: there.to,
+                to: there.from,
+                action,
+                blocked: false,
+                recent: Recent::default().then(action, false),
+            };
             [Some(there), there.action.opposite().map(back)].into_iter().flatten()
         };
         taken.into_iter().flat_map(with_mirrored).collect()
     }
 
     fn transition(&self, t: usize) -> Transition {
-        Transition { from: t, to: t + 1, action: self.actions[t], blocked: self.blocked[t] }
+        // What was not blocked lets the reflexes forget what was before.
+        let first = (0..t).rev().find(|&before| !self.blocked[before]).unwrap_or(t);
+        let after = |recent: Recent, t: usize| recent.then(self.actions[t], self.blocked[t]);
+        let recent = (first..=t).fold(Recent::default(), after);
+        Transition { from: t, to: t + 1, action: self.actions[t], blocked: self.blocked[t], recent }
     }
 
     /// Rewards of a task for some transitions.
@@ -387,6 +390,9 @@ mod tests {
     }
 
     fn mirrored(t: &Transition) -> Transition {
-        Transition { from: t.to, to: t.from, action: t.action.opposite().unwrap(), blocked: false }
+        {
+            let action = t.action.opposite().unwrap();
+            Transition { from: t.to, to: t.from, action, blocked: false, recent: Recent::default().then(action, false) }
+        }
     }
 }

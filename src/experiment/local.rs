@@ -50,7 +50,7 @@ pub fn values(
     let options = LocalOptions { neighbours: settings.neighbours, ridge: rule.ridge };
     let instances = Arc::new(Instances::new(points(|t| t.from)?, counts, options)?);
     let local = Local::new(&instances, points(|t| t.to)?.as_ref())?;
-    let allowed: Vec<u32> = transitions.iter().map(|t| t.allows(reflexes)).collect();
+    let allowed: Vec<u32> = transitions.iter().map(|t| reflexes.allowed(t.recent)).collect();
     let ended = vec![false; transitions.len()];
     let worth = |task: usize| {
         let mut rewards = walked.rewards(lab, task, &transitions);

@@ -181,7 +181,7 @@ impl<'a> Sampled<'a> {
         let samples = Samples { phi: self.phi.get(..d, ..n), actions: &actions, weights: &weights };
         let rewards = self.walked.rewards(self.lab, task, &self.transitions);
         let reflexes = iteration.reflexes(self.lab);
-        let allowed: Vec<u32> = self.transitions.iter().map(|t| t.allows(reflexes)).collect();
+        let allowed: Vec<u32> = self.transitions.iter().map(|t| reflexes.allowed(t.recent)).collect();
         let outcomes = Outcomes { next: self.next.get(..d, ..n), rewards: &rewards, allowed: Some(&allowed) };
         Ok(Lspi::new(samples, 3, Par::Seq)?.fit(&outcomes, &iteration.options(self.lab))?)
     }

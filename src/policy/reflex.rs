@@ -11,17 +11,25 @@ use crate::world::Action;
 pub struct Reflexes {
     /// An action that was just blocked is not repeated.
     pub no_repeat_blocked: bool,
-    /// A turn is not undone by the opposite turn.
+    /// A turn is not undone by the opposite turn, not even after an action that was blocked.
     pub no_undo_turn: bool,
 }
 
 /// What the robot did last.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Recent {
-    /// The last action, if any.
+    /// The last action that went its way.
     pub action: Option<Action>,
-    /// Whether a wall stopped it.
-    pub blocked: bool,
+    /// The action that a wall stopped since then.
+    pub blocked: Option<Action>,
+}
+
+impl Recent {
+    /// One action later. An action that was blocked leaves the robot where it was, or nearly so: the one before still counts.
+    /// Otherwise a robot at a wall could turn left and right for ever, with a push against the wall in between.
+    pub fn then(self, action: Action, blocked: bool) -> Recent {
+        if blocked { Recent { blocked: Some(action), ..self } } else { Recent { action: Some(action), blocked: None } }
+    }
 }
 
 impl Reflexes {
@@ -33,12 +41,17 @@ impl Reflexes {
         Reflexes { no_repeat_blocked: settings.no_repeat_blocked, no_undo_turn: settings.no_undo_turn }
     }
 
-    /// Whether an action may follow what the robot did last. A turn is never
-    /// blocked in simulation, so one action is forbidden at most; after a blocked turn only *forward* is left.
+    /// Whether an action may follow what the robot did last. One always may.
     pub fn allow(&self, action: Action, recent: Recent) -> bool {
-        let repeats = self.no_repeat_blocked && recent.blocked && recent.action == Some(action);
+        let repeats = self.no_repeat_blocked && recent.blocked == Some(action);
         let undoes = self.no_undo_turn && recent.action.is_some() && action.opposite() == recent.action;
         !repeats && !undoes
+    }
+
+    /// The actions that may follow, as bits by their [numbers](Action::index).
+    pub fn allowed(&self, recent: Recent) -> u32 {
+        let allowed = Action::ALL.into_iter().filter(|&action| self.allow(action, recent));
+        allowed.fold(0, |bits, action| bits | 1 << action.index())
     }
 
     /// The allowed action of the largest value, and whether that is not the largest of all.
@@ -68,15 +81,30 @@ mod tests {
 
     #[test]
     fn a_blocked_action_is_not_repeated() {
-        let recent = Recent { action: Some(Forward), blocked: true };
+        let recent = Recent::default().then(Forward, true);
         assert_eq!(ON.best([3.0, 1.0, 2.0], recent), (TurnRight, true));
         assert_eq!(Reflexes::OFF.best([3.0, 1.0, 2.0], recent), (Forward, false));
-        assert_eq!(ON.best([3.0, 1.0, 2.0], Recent { blocked: false, ..recent }), (Forward, false));
+        assert_eq!(ON.best([3.0, 1.0, 2.0], Recent::default().then(Forward, false)), (Forward, false));
+    }
+
+    #[test]
+    fn what_was_blocked_does_not_make_a_turn_forgotten() {
+        // Turn left, push against a wall: neither push again nor turn back.
+        let recent = Recent::default().then(TurnLeft, false).then(Forward, true);
+        assert_eq!(ON.best([3.0, 1.0, 2.0], recent), (TurnLeft, true));
+        assert_eq!(ON.allowed(recent), 1 << TurnLeft.index());
+        assert_eq!(ON.allowed(recent.then(TurnLeft, false)), 1 << Forward.index() | 1 << TurnLeft.index());
+        // One action is left whatever came before.
+        let all = || Action::ALL.into_iter().flat_map(|action| [(action, false), (action, true)]);
+        for (first, second, third) in all().flat_map(|a| all().flat_map(move |b| all().map(move |c| (a, b, c)))) {
+            let recent = [first, second, third].iter().fold(Recent::default(), |r, &(a, blocked)| r.then(a, blocked));
+            assert_ne!(ON.allowed(recent), 0, "{recent:?}");
+        }
     }
 
     #[test]
     fn a_turn_is_not_undone() {
-        let recent = Recent { action: Some(TurnLeft), blocked: false };
+        let recent = Recent::default().then(TurnLeft, false);
         assert_eq!(ON.best([1.0, 2.0, 3.0], recent), (TurnLeft, true));
         assert_eq!(ON.best([2.5, 2.0, 3.0], recent), (Forward, true));
         assert_eq!(ON.best([1.0, 2.0, 3.0], Recent::default()), (TurnRight, false));

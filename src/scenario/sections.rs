@@ -89,7 +89,7 @@ pub struct Wall {
 pub struct Texture {
     /// Image file (PNG), repeated; overrides the pattern.
     pub image: Option<PathBuf>,
-    /// Procedural pattern.
+    /// Procedural pattern. Walls have no two places alike, unless they are longer than 64 elements.
     pub pattern: Pattern,
     /// Size of the pattern's elements, or height of one image, metres (degrees for the surroundings).
     pub scale: f64,
@@ -311,7 +311,7 @@ pub struct Policy {
     pub sonar_heed: f64,
     /// Reflex: an action that was just blocked is not repeated.
     pub no_repeat_blocked: bool,
-    /// Reflex: a turn is not undone by the opposite turn.
+    /// Reflex: a turn is not undone by the opposite turn, not even after a blocked action.
     pub no_undo_turn: bool,
 }
 
@@ -615,7 +615,12 @@ impl Texture {
         }
         Texture {
             image,
-            pattern: s.choice("pattern", d.pattern, &PATTERNS, "procedural pattern"),
+            pattern: s.choice(
+                "pattern",
+                d.pattern,
+                &PATTERNS,
+                "procedural pattern; on a wall of up to 64 elements it does not repeat",
+            ),
             scale: s.number(
                 "scale",
                 d.scale,
@@ -825,7 +830,7 @@ impl Value {
             ),
             local_ridge: s.number(
                 "local_ridge",
-                0.1,
+                0.3,
                 "mean squared distances",
                 Range::above(0.0, 1e9),
                 "local: on the slopes of the regression",
@@ -903,7 +908,11 @@ impl Policy {
                 true,
                 "reflex: an action that was just blocked is not repeated",
             ),
-            no_undo_turn: s.flag("no_undo_turn", true, "reflex: a turn is not undone by the opposite turn"),
+            no_undo_turn: s.flag(
+                "no_undo_turn",
+                true,
+                "reflex: a turn is not undone by the opposite turn, not even after a blocked action",
+            ),
         }
     }
 }

@@ -13,8 +13,8 @@ pub struct Transition<S, R> {
     pub from: S,
     /// Action number.
     pub action: usize,
-    /// Whether the action was blocked.
-    pub blocked: bool,
+    /// The actions that may follow, as bits; as in [`Outcomes::allowed`](super::Outcomes::allowed).
+    pub allowed: u32,
     /// What came of it.
     pub result: R,
     /// The state after.
@@ -133,7 +133,7 @@ mod tests {
     use super::*;
 
     fn transition(cell: usize, action: usize, id: u32) -> Transition<u32, f64> {
-        Transition { from: id, action, blocked: false, result: 0.0, to: id + 1, cell }
+        Transition { from: id, action, allowed: 7, result: 0.0, to: id + 1, cell }
     }
 
     #[test]

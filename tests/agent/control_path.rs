@@ -58,7 +58,7 @@ fn q_values_are_those_of_the_features() {
                     assert!((found - known).abs() < 1e-10 * size, "{kernel}: {found} against {known}");
                 }
                 for action in Action::ALL {
-                    let recent = Recent { action: Some(action), blocked: j % 2 == 0 };
+                    let recent = Recent::default().then(action, j % 2 == 0);
                     assert_eq!(REFLEXES.best(found, recent), REFLEXES.best(known, recent));
                 }
             }
@@ -135,7 +135,7 @@ fn a_decision_allocates_nothing() {
     let mut rng = stream(3, "seen");
     let seen: Vec<Observation> = (0..1000).map(|_| observation(1536, &mut rng)).collect();
     let decide = |seen: &Observation, task| {
-        let recent = Recent { action: Some(Action::TurnLeft), blocked: false };
+        let recent = Recent::default().then(Action::TurnLeft, false);
         std::hint::black_box(REFLEXES.best(learned.q_values(seen, task), recent));
     };
     decide(&seen[0], 0);

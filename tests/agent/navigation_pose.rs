@@ -39,7 +39,7 @@ fn walk(scenario: &Scenario, world: &World, seed: u64) -> Walked {
         let sonar = robot.sonar(&world.arena);
         let action = walk.choose(&sonar, reflexes, recent);
         let blocked = execute(&mut robot, action, scenario, world);
-        recent = Recent { action: Some(action), blocked };
+        recent = recent.then(action, blocked);
         walked.poses.push(robot.pose);
         walked.actions.push(action.index());
         let follow = Action::ALL.into_iter().filter(|&action| reflexes.allow(action, recent));
@@ -68,7 +68,7 @@ fn steps_to(
         }
         let action = choose(&robot.pose, recent);
         let blocked = execute(&mut robot, action, scenario, world);
-        recent = Recent { action: Some(action), blocked };
+        recent = recent.then(action, blocked);
     }
     None
 }

@@ -164,7 +164,7 @@ impl Prepared<'_> {
         bench.go_on()?;
         let uniform = fit(Start::Uniform)?;
         let reflexes = Reflexes::new(&lab.scenario.policy);
-        let allowed: Vec<u32> = used.iter().map(|t| t.allows(reflexes)).collect();
+        let allowed: Vec<u32> = used.iter().map(|t| reflexes.allowed(t.recent)).collect();
         let options = LspiOptions {
             ridge: value.ridge,
             mixing: value.mixing,

@@ -18,6 +18,7 @@ use super::lab::{Data, Lab, Transition};
 use super::pipeline::{LAMBDA, NU, Widths, slow_features};
 use super::{Bench, ExperimentError};
 use crate::evaluate::draw_pose;
+use crate::policy::Recent;
 use crate::random::stream;
 use crate::scenario::Room;
 use crate::slow::region::{Region, RegionResponses};
@@ -54,7 +55,8 @@ impl Pairs {
             let blocked = robot.drive(motion, &world.arena);
             pairs.poses.push(robot.pose);
             let to = pairs.poses.len() - 1;
-            pairs.transitions.push(Transition { from: to - 1, to, action, blocked });
+            let recent = Recent::default().then(action, blocked);
+            pairs.transitions.push(Transition { from: to - 1, to, action, blocked, recent });
         }
         pairs
     }

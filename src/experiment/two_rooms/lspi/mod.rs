@@ -213,7 +213,7 @@ impl<'a> Shared<'a> {
             bench.go_on()?;
             let rewards = self.pairs.rewards(lab, task);
             let reflexes = iteration.reflexes(lab);
-            let allowed: Vec<u32> = self.pairs.transitions.iter().map(|t| t.allows(reflexes)).collect();
+            let allowed: Vec<u32> = self.pairs.transitions.iter().map(|t| reflexes.allowed(t.recent)).collect();
             let outcomes = Outcomes { next: next.as_ref(), rewards: &rewards, allowed: Some(&allowed) };
             let fit = problem.fit(&outcomes, &iteration.options(lab))?;
             let trips = self.drive(&made.source, &fit, task, reflexes)?;
