@@ -1,0 +1,111 @@
+//! The sections of a scenario: every key with its unit, default, range and meaning.
+
+mod agent;
+mod conduct;
+mod learning;
+mod robot;
+mod world;
+
+pub use agent::*;
+pub use conduct::*;
+pub use learning::*;
+pub use robot::*;
+pub(super) use world::Defaults;
+pub use world::{Pattern, Texture, Wall, World};
+
+use std::path::Path;
+
+use super::Topics;
+use super::change::Change;
+use super::keys::Reader;
+
+/// A checked scenario.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scenario {
+    /// A name for people; by default the name of the file.
+    pub name: String,
+    /// Seed of all random streams.
+    pub seed: u64,
+    /// The run ends after this many actions.
+    pub actions: usize,
+    /// `[world]`
+    pub world: World,
+    /// `[robot]`
+    pub robot: Robot,
+    /// `[camera]`
+    pub camera: Camera,
+    /// `[vision]`
+    pub vision: Vision,
+    /// `[dictionary]`
+    pub dictionary: Dictionary,
+    /// `[slow]`
+    pub slow: Slow,
+    /// `[value]`
+    pub value: Value,
+    /// `[policy]`
+    pub policy: Policy,
+    /// `[agent]`
+    pub agent: Agent,
+    /// `[evaluate]`
+    pub evaluate: Evaluate,
+    /// `[log]`
+    pub log: Log,
+    /// `[topics]`
+    pub topics: Topics,
+    /// `[[change]]`
+    pub changes: Vec<Change>,
+    /// `[[task]]`, at least one.
+    pub tasks: Vec<Task>,
+    /// The complete file, every default filled in.
+    pub text: String,
+}
+
+impl Scenario {
+    /// Read all sections; what is wrong goes to `reader.faults`, with the default in its place.
+    pub(super) fn read(reader: &mut Reader<'_>, base: &Path, stem: &str) -> Self {
+        let (name, seed, actions) = reader.section("", "", |s| {
+            s.allow_sections(&[
+                "world",
+                "robot",
+                "camera",
+                "vision",
+                "dictionary",
+                "slow",
+                "value",
+                "policy",
+                "agent",
+                "evaluate",
+                "log",
+                "topics",
+                "change",
+                "task",
+            ]);
+            (
+                s.text("name", stem, "name for people"),
+                s.count("seed", 1, "", 0, i64::MAX as usize, "seed of all random streams") as u64,
+                s.count("actions", 15_000, "actions", 10, 1_000_000_000, "the run ends after this many"),
+            )
+        });
+        Scenario {
+            name,
+            seed,
+            actions,
+            world: World::read(reader, base),
+            robot: reader.section("robot", "", Robot::read),
+            camera: reader.section("camera", "", Camera::read),
+            vision: reader.section("vision", "camera image to observation", Vision::read),
+            dictionary: reader.section("dictionary", "support vectors", Dictionary::read),
+            slow: reader.section("slow", "slow features", Slow::read),
+            value: reader.section("value", "what actions are worth", Value::read),
+            policy: reader.section("policy", "exploration, pursuit, reflexes", Policy::read),
+            agent: reader.section("agent", "", Agent::read),
+            evaluate: reader.section("evaluate", "", Evaluate::read),
+            log: reader.section("log", "", Log::read),
+            topics: reader.section("topics", "what another program's log calls its things", Topics::read),
+            changes: reader
+                .sections("change", "what changes while the robot drives", |s, index| Change::read(s, base, index)),
+            tasks: reader.sections("task", "", Task::read),
+            text: String::new(),
+        }
+    }
+}
