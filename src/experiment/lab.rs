@@ -390,9 +390,7 @@ mod tests {
     }
 
     fn mirrored(t: &Transition) -> Transition {
-        {
-            let action = t.action.opposite().unwrap();
-            Transition { from: t.to, to: t.from, action, blocked: false, recent: Recent::default().then(action, false) }
-        }
+        let action = t.action.opposite().unwrap();
+        Transition { from: t.to, to: t.from, action, blocked: false, recent: Recent::default().then(action, false) }
     }
 }
