@@ -100,6 +100,7 @@ pub struct Perceive {
     window: Window<Arc<Observation>, Point2<f64>>,
     last_number: Option<u64>,
     reflexes: Reflexes,
+    /// What the reflexes are to know of the actions so far.
     recent: Recent,
     /// The observation before the action that is going on, and its cell.
     last_boundary: Option<(Arc<Observation>, usize)>,
@@ -156,8 +157,10 @@ impl Perceive {
             weight: if action == Action::Forward { self.scenario.slow.move_weight } else { 1.0 },
         });
         let place = frame.pose.position;
-        if let (Some(boundary), Some(action)) = (&frame.boundary, frame.action) {
-            self.recent = self.recent.then(action, boundary.blocked);
+        if let Some(boundary) = &frame.boundary {
+            // Without an action the recording was interrupted: what was before has nothing to do with it.
+            let after = |action| self.recent.then(action, boundary.blocked);
+            self.recent = frame.action.map_or(Recent::default(), after);
         }
         self.pending.push(Pending {
             observation: observation.clone(),
@@ -464,5 +467,45 @@ impl Begin {
             Begin::Dictionary(cause) => PerceiveError::Block { last_frame, cause: cause.into() },
             Begin::Stream(cause) => PerceiveError::Block { last_frame, cause },
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::source::Boundary;
+    use crate::world::Pose;
+
+    #[test]
+    fn percepts_know_the_turn_before_a_push_until_a_recording_is_interrupted() {
+        let text = include_str!("../../scenarios/lab.toml");
+        let scenario = Arc::new(Scenario::parse(text, std::path::Path::new("lab.toml"), &[]).unwrap());
+        let world = Arc::new(World::new(&scenario).unwrap());
+        let schedule = || Arc::new(Schedule::new(&scenario.agent, None));
+        let mut perceive = Perceive::new(scenario.clone(), world.clone(), schedule());
+        let frame = |number: u64, action: Option<Action>, blocked: bool| {
+            let pose = Pose::new(Point2::new(1.5, 0.9), 0.0);
+            let pixels = vec![128; 3 * scenario.vision.width * scenario.vision.height];
+            let (sonar, moved) = (vec![1.0; 16], Vec::new());
+            let (view, boundary) = (View::Observation(pixels), Some(Boundary { blocked }));
+            Frame { number, stamp_ns: number, view, pose, odometry: pose, sonar, action, boundary, moved }
+        };
+        let mut see = |frame| (perceive.see(frame).percept.unwrap().recent, perceive.pending.last().unwrap().boundary);
+        assert_eq!(see(frame(0, None, false)).0, Recent::default());
+        see(frame(1, Some(Action::TurnLeft), false));
+        let (recent, boundary) = see(frame(2, Some(Action::Forward), true));
+        assert_eq!(recent, Recent { action: Some(Action::TurnLeft), blocked: Some(Action::Forward) });
+        // Only the same turn may follow, and that is what values will count on.
+        assert_eq!(boundary.unwrap().1, 1 << Action::TurnLeft.index());
+
+        // It is the same after it was put away and made again.
+        let mut parts = Parts::new();
+        perceive.persist(&mut parts).unwrap();
+        let mut again = Perceive::new(scenario.clone(), world, schedule());
+        again.persist(&mut Parts::restoring(parts.matrices, parts.texts)).unwrap();
+        assert_eq!(again.recent, recent);
+        assert_eq!(again.pending.last().unwrap().boundary, boundary);
+
+        assert_eq!(again.see(frame(3, None, false)).percept.unwrap().recent, Recent::default());
     }
 }

@@ -44,7 +44,7 @@ pub struct Wall {
 pub struct Texture {
     /// Image file (PNG), repeated; overrides the pattern.
     pub image: Option<PathBuf>,
-    /// Procedural pattern. Walls have no two places alike, unless they are longer than 64 elements.
+    /// Procedural pattern. Along a wall of up to 64 elements it does not repeat.
     pub pattern: Pattern,
     /// Size of the pattern's elements, or height of one image, metres (degrees for the surroundings).
     pub scale: f64,
