@@ -106,6 +106,7 @@ pub mod dictionary;
 pub mod evaluate;
 pub mod experiment;
 pub mod export;
+pub mod gpu;
 pub mod kernel;
 pub mod live;
 pub mod log;

@@ -31,7 +31,7 @@ use crate::log::{LogError, RunLog, RunTotals};
 use crate::parts::{Parts, PartsError};
 use crate::policy::{Learned, Tally};
 use crate::random::fix_parallelism;
-use crate::scenario::{Scenario, WhenBehind};
+use crate::scenario::{Renderer, Scenario, WhenBehind};
 use crate::source::{Frame, Source};
 use crate::world::{Action, World};
 
@@ -205,6 +205,7 @@ pub(super) fn run_in_turns(
     let (writes_out, writes_in, gauge) = queue("log", 8 * capacity, turns);
     status.watch(gauge);
     let recorder = Recorder::new(writes_out, scenario.clone());
+    let no_device = world.looks.prepare();
     let schedule = Arc::new(Schedule::new(&scenario.agent, options.recording));
     let flush = Duration::from_secs_f64(scenario.log.flush_seconds);
     let failed: Mutex<Option<RunError>> = Mutex::new(None);
@@ -239,6 +240,14 @@ pub(super) fn run_in_turns(
         let crew = Crew { scope, failed: &failed, ended: &ended, turns };
         let by_stamps = options.flush_by_stamps;
         let log_thread = crew.start("log", move || Ok(write_log(&writes_in, log, flush, by_stamps)?))?;
+        // Pictures of another renderer are close to these, and not the same.
+        if turns.is_none()
+            && scenario.world.renderer == Renderer::Gpu
+            && let Some(by) = world.looks.rendered_by()
+        {
+            let level = if no_device.is_some() { Level::Warn } else { Level::Info };
+            let _ = recorder.diagnostic(level, status.snapshot().stamp_ns, format!("pictures are made {by}"));
+        }
         crew.start("source", move || {
             supply.run(source);
             Ok(())

@@ -17,7 +17,7 @@ use crate::live::serve::{Server, Stage};
 use crate::log::{LogOptions, Rotation, RunLog};
 use crate::parts::Parts;
 pub use crate::report::gather::ROOM;
-use crate::report::{Origin, Program, Report, table};
+use crate::report::{ComputedBy, Origin, Program, Report, table};
 use crate::scenario::Scenario;
 use crate::soak::Sampler;
 use crate::source::Source;
@@ -63,6 +63,10 @@ impl Drive<'_> {
     pub fn go(self, source: &mut (dyn Source + Send), log: RunLog) -> Result<Report, String> {
         let text = |error: &dyn std::fmt::Display| error.to_string();
         let (scenario, world) = (self.scenario, self.world);
+        let no_device = world.looks.prepare();
+        if let Some(warning) = &no_device {
+            eprintln!("warning: {warning}");
+        }
         let starts = scenario.evaluate.starts;
         let evaluator = self.evaluate.then(|| Evaluator::new(scenario.clone(), world.clone(), starts, scenario.seed));
         let (checkpoint, state) = (self.run.join(CHECKPOINT_NAME), self.run.join(STATE_NAME));
@@ -117,7 +121,13 @@ impl Drive<'_> {
                 .ok();
         }
         let tasks = trials.iter().flatten().map(|(result, _)| result.clone()).collect();
-        let report = Report::new(scenario, &outcome, tasks, pose, self.origin, source.imported());
+        let computed_by = ComputedBy { pictures: world.looks.rendered_by() };
+        if no_device.is_none()
+            && let Some(warning) = world.looks.missing_device()
+        {
+            eprintln!("warning: {warning}");
+        }
+        let report = Report::new(scenario, &outcome, tasks, pose, self.origin, source.imported(), computed_by);
         let json = serde_json::to_string_pretty(&report).map_err(|e| text(&e))?;
         write(self.run, "report.json", json.as_bytes())?;
         if !self.report {

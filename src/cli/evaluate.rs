@@ -27,6 +27,9 @@ pub fn evaluate(args: &EvaluateArgs) -> Ending {
         Ok(world) => Arc::new(world),
         Err(error) => return Ending::failed(error),
     };
+    if let Some(warning) = world.looks.prepare() {
+        eprintln!("warning: {warning}");
+    }
     let starts = args.starts.map_or(scenario.evaluate.starts, |starts| starts as usize);
     let seed = args.seed.unwrap_or(scenario.seed);
     let tasks = Evaluator::new(scenario.clone(), world.clone(), starts, seed).evaluate(&learned, true);

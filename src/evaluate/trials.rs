@@ -296,13 +296,15 @@ impl Evaluator {
         choose: &(dyn Fn(&Situation<'_>) -> Action + Sync),
     ) -> Vec<Trial> {
         let mut trials = self.begin(course);
+        let mut images = Vec::new();
         for _ in 0..self.scenario.evaluate.max_steps {
             let mut active: Vec<&mut Trial> = trials.iter_mut().filter(|trial| !trial.arrived).collect();
             if active.is_empty() {
                 break;
             }
+            let by_device = frame.is_some_and(|frame| self.look_by_device(&mut active, frame, &mut images));
             let judge = |image: &mut Image, trial: &mut &mut Trial| {
-                if let Some(frame) = frame {
+                if let Some(frame) = frame.filter(|_| !by_device) {
                     self.look(trial, image, frame);
                 }
                 let seen = frame.is_some().then_some(&trial.seen);
@@ -354,8 +356,28 @@ impl Evaluator {
 
     /// What a robot sees from where it is, in place of what it saw before, in the world as it looks at a frame.
     fn look(&self, trial: &mut Trial, image: &mut Image, frame: u64) {
-        let gone = trial.actions.len() * self.scenario.robot.frames_per_action;
-        self.world.looks.render_into(&trial.robot.pose, frame, trial.later + gone as u64, image);
+        self.world.looks.render_into(&trial.robot.pose, frame, self.later(trial), image);
+        self.expose(trial, image, frame);
+    }
+
+    /// The same for all robots at once, if there is a device that renders them: whether it did.
+    fn look_by_device(&self, trials: &mut [&mut Trial], frame: u64, images: &mut Vec<Image>) -> bool {
+        let poses: Vec<(Pose, u64)> = trials.iter().map(|trial| (trial.robot.pose, self.later(trial))).collect();
+        images.resize_with(poses.len(), Image::default);
+        let done = self.world.looks.render_by_device(frame, &poses, images);
+        if done {
+            let each = |(trial, image): (&mut &mut Trial, &mut Image)| self.expose(trial, image, frame);
+            trials.par_iter_mut().zip(images).for_each(each);
+        }
+        done
+    }
+
+    /// Frames by which distractors are ahead in a trial.
+    fn later(&self, trial: &Trial) -> u64 {
+        trial.later + (trial.actions.len() * self.scenario.robot.frames_per_action) as u64
+    }
+
+    fn expose(&self, trial: &mut Trial, image: &mut Image, frame: u64) {
         trial.sensor.expose(image, self.world.looks.light(frame));
         trial.observer.observe(image, &self.scenario.vision, &mut trial.seen.pixels);
     }

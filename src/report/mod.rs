@@ -27,6 +27,7 @@ use crate::agent::{CurvePoint, Outcome, Timing, peak_resident_bytes};
 use crate::evaluate::{PoseDecode, TaskResult};
 use crate::scenario::Scenario;
 use crate::source::ImportReport;
+use crate::world::RenderedBy;
 
 /// `report.json`. Keys stay once introduced; `None` is what a run could not know.
 #[derive(Debug, Clone, Serialize)]
@@ -59,6 +60,16 @@ pub struct Report {
     pub imported: Option<ImportReport>,
     /// A hash of dictionary, features and policy weights.
     pub digest: Option<String>,
+    /// Who made the numbers.
+    pub computed_by: ComputedBy,
+}
+
+/// Who made a run's numbers, where a graphics processor may have.
+#[derive(Debug, Clone, Serialize)]
+pub struct ComputedBy {
+    /// Pictures of many places at once, as in trials; those of the robot's camera too, if the scenario asks for a device. `None`:
+    /// there were none, or the scenario leaves them to the processor.
+    pub pictures: Option<RenderedBy>,
 }
 
 /// The program that ran.
@@ -190,6 +201,7 @@ impl Report {
         pose_decode: Option<PoseDecode>,
         origin: Origin,
         imported: Option<ImportReport>,
+        computed_by: ComputedBy,
     ) -> Self {
         let learned = outcome.learned.as_deref();
         Report {
@@ -238,6 +250,7 @@ impl Report {
                 .collect(),
             imported,
             digest: learned.map(|learned| learned.digest()),
+            computed_by,
         }
     }
 }

@@ -98,17 +98,25 @@ impl Survey {
         let places: Vec<[f64; 2]> = grid.points().collect();
         let inside: Vec<usize> = (0..places.len()).filter(|&i| world.plan.is_reachable(places[i].into())).collect();
         let shown = FEATURES.min(learned.model.slowness.len());
-        let look = |image: &mut Image, block: &[usize]| -> Vec<Look> {
-            let poses = block.iter().flat_map(|&i| (0..HEADINGS).map(move |h| (i, h)));
-            let seen: Vec<Observation> = poses
-                .map(|(i, h)| {
-                    seen_by.render_into(&Pose::new(places[i].into(), angle(h)), frame, 0, image);
+        let look = |images: &mut Vec<Image>, block: &[usize]| -> Vec<Look> {
+            let headings = |&i: &usize| (0..HEADINGS).map(move |h| (i, h));
+            let poses: Vec<(Pose, u64)> =
+                block.iter().flat_map(headings).map(|(i, h)| (Pose::new(places[i].into(), angle(h)), 0)).collect();
+            images.resize_with(poses.len(), Image::default);
+            let by_device = seen_by.render_by_device(frame, &poses, images);
+            let seen: Vec<Observation> = images
+                .iter_mut()
+                .zip(&poses)
+                .map(|(image, (pose, _))| {
+                    if !by_device {
+                        seen_by.render_into(pose, frame, 0, image);
+                    }
                     observe(image, &scenario.vision, 0)
                 })
                 .collect();
             looks(learned, &seen, shown)
         };
-        let looked: Vec<Vec<Look>> = inside.par_chunks(BLOCK).map_init(Image::default, look).collect();
+        let looked: Vec<Vec<Look>> = inside.par_chunks(BLOCK).map_init(Vec::new, look).collect();
         let empty = || std::array::from_fn(|_| vec![f64::NAN; places.len()]);
         let tasks = learned.weights.len();
         let mut survey = Survey {

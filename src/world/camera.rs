@@ -25,13 +25,13 @@ const SLACK: f64 = 1e-9;
 /// Bits after the point in distances on the floor: 15 µm.
 const FLOOR_FRACTION: u32 = 16;
 
-struct Panel {
-    from: Point2<f64>,
-    along: Vector2<f64>,
-    length: f64,
+pub(super) struct Panel {
+    pub(super) from: Point2<f64>,
+    pub(super) along: Vector2<f64>,
+    pub(super) length: f64,
     /// Distance along the wall at which the panel begins.
-    offset: f64,
-    wall: usize,
+    pub(super) offset: f64,
+    pub(super) wall: usize,
 }
 
 /// A panel as seen from a pose. For the ray `ahead + aside · right`, its depth is `gap / across` and the place on the
@@ -53,32 +53,32 @@ struct Hit {
 }
 
 /// What the ray of an image column has from the settings alone.
-struct Column {
+pub(super) struct Column {
     /// Metres to the right per metre of depth.
-    aside: f64,
+    pub(super) aside: f64,
     /// Angle to the right of the camera's axis, degrees.
-    bearing: f64,
+    pub(super) bearing: f64,
     /// Degrees of elevation near the horizon for each unit of slope.
-    degrees: f64,
+    pub(super) degrees: f64,
 }
 
 /// The renderer of a scenario's world.
 pub struct Camera {
-    settings: scenario::Camera,
-    columns: Vec<Column>,
-    height: usize,
+    pub(super) settings: scenario::Camera,
+    pub(super) columns: Vec<Column>,
+    pub(super) height: usize,
     /// Rise of the top row's rays per metre of depth, and by how much each row below rises less.
-    slope: f64,
-    fall: f64,
+    pub(super) slope: f64,
+    pub(super) fall: f64,
     /// The first row that looks down.
-    horizon: usize,
+    pub(super) horizon: usize,
     /// Depth at which each row from the horizon on meets the floor, metres, with [`FLOOR_FRACTION`].
     floor_depths: Vec<u64>,
-    panels: Vec<Panel>,
-    walls: Vec<(f64, TextureMap)>,
-    pyramids: Vec<Pyramid>,
-    floor: TextureMap,
-    surroundings: TextureMap,
+    pub(super) panels: Vec<Panel>,
+    pub(super) walls: Vec<(f64, TextureMap)>,
+    pub(super) pyramids: Vec<Pyramid>,
+    pub(super) floor: TextureMap,
+    pub(super) surroundings: TextureMap,
 }
 
 impl std::fmt::Debug for Camera {
@@ -141,6 +141,11 @@ impl Camera {
         })
     }
 
+    /// Whether its images lack the upper lines that vision cuts away.
+    pub(super) fn crops(&self) -> bool {
+        self.settings.detail == Detail::Vision
+    }
+
     /// Mean RGB colour of each wall's surface, in the order of the scenario.
     pub fn wall_colours(&self) -> Vec<[u8; 3]> {
         self.walls.iter().map(|(_, texture)| texture.mean()).collect()
@@ -163,7 +168,7 @@ impl Camera {
         let (width, height) = (self.columns.len(), self.height);
         image.width = width;
         image.height = height;
-        image.cropped = self.settings.detail == Detail::Vision;
+        image.cropped = self.crops();
         image.rgb.resize(3 * width * height, 0);
         let views = self.views(pose);
         let mut hits = Vec::new();

@@ -28,8 +28,8 @@ pub struct Distractor {
 /// A distractor at a moment.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Present {
-    centre: Point2<f64>,
-    radius: f64,
+    pub(super) centre: Point2<f64>,
+    pub(super) radius: f64,
     /// Metres above the floor.
     pub bottom: f64,
     /// Metres above the floor.

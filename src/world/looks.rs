@@ -2,8 +2,11 @@
 
 use std::sync::Arc;
 
+use super::batch::{Batch, RenderedBy};
 use super::distractors::{Distractor, Present};
+use super::views::Eye;
 use super::{Camera, Image, Pose};
+use crate::gpu::Gpu;
 use crate::scenario::{Happens, Scenario};
 
 /// The looks of a scenario's world from its first frame to its last.
@@ -19,6 +22,7 @@ pub struct Looks {
     lost: Vec<(u64, u64)>,
     distractors: Vec<Distractor>,
     frame_seconds: f64,
+    batch: Batch,
 }
 
 impl Looks {
@@ -34,6 +38,7 @@ impl Looks {
             lost: Vec::new(),
             distractors: scenario.world.distractors.iter().map(Distractor::new).collect(),
             frame_seconds: scenario.robot.frame_seconds(),
+            batch: Batch::new(scenario.world.renderer),
         };
         let mut changes: Vec<_> = scenario.changes.iter().collect();
         changes.sort_by_key(|change| change.action);
@@ -58,11 +63,19 @@ impl Looks {
         Ok(looks)
     }
 
+    /// The same, with all pictures by a device, whatever the scenario says.
+    pub fn on(self, gpu: Arc<Gpu>) -> Self {
+        Looks { batch: Batch::on(gpu), ..self }
+    }
+
     /// The walls as they look at a frame.
     pub fn camera(&self, frame: u64) -> &Camera {
+        &self.cameras[self.camera_number(frame)].1
+    }
+
+    fn camera_number(&self, frame: u64) -> usize {
         // The first one is from frame 0.
-        let index = self.cameras.partition_point(|(first, _)| *first <= frame);
-        &self.cameras[index - 1].1
+        self.cameras.partition_point(|(first, _)| *first <= frame) - 1
     }
 
     /// What the camera sees from a pose at a frame, without sensor errors.
@@ -75,9 +88,46 @@ impl Looks {
     /// The same in place of what an image held, with distractors where they are so many frames `later`: a trial takes its time
     /// while nothing else changes.
     pub fn render_into(&self, pose: &Pose, frame: u64, later: u64, image: &mut Image) {
+        let by_device = self.batch.asks_for_device()
+            && self.render_by_device(frame, &[(*pose, later)], std::slice::from_mut(image));
+        if !by_device {
+            self.camera(frame).render_among(&self.present(frame, later), pose, image);
+        }
+    }
+
+    /// What the camera sees from many poses at a frame, as [`Looks::render_into`] has it, if there is a device that is the better
+    /// choice for so many: whether it did. Otherwise each view is best rendered where it is needed.
+    ///
+    /// # Panics
+    /// If there are not as many images as poses.
+    pub fn render_by_device(&self, frame: u64, poses: &[(Pose, u64)], images: &mut [Image]) -> bool {
+        let distractors: Vec<Vec<Present>> = poses.iter().map(|&(_, later)| self.present(frame, later)).collect();
+        let eyes: Vec<Eye<'_>> =
+            poses.iter().zip(&distractors).map(|((pose, _), distractors)| Eye { pose, distractors }).collect();
+        let number = self.camera_number(frame);
+        self.batch.render(number, &self.cameras[number].1, &eyes, images)
+    }
+
+    /// Open the device that the scenario asks for, if it does: a warning where there is none.
+    pub fn prepare(&self) -> Option<String> {
+        self.batch.prepare();
+        self.missing_device()
+    }
+
+    /// A warning where a scenario asks for a device and the processor renders.
+    pub fn missing_device(&self) -> Option<String> {
+        let by = self.batch.by().filter(|by| self.batch.asks_for_device() && by.gpu.is_none())?;
+        Some(format!("world.renderer is \"gpu\", and the processor renders: {}", by.why))
+    }
+
+    /// Who renders many views at once; `None` as long as there were none.
+    pub fn rendered_by(&self) -> Option<RenderedBy> {
+        self.batch.by()
+    }
+
+    fn present(&self, frame: u64, later: u64) -> Vec<Present> {
         let seconds = frame.saturating_add(later) as f64 * self.frame_seconds;
-        let present: Vec<Present> = self.distractors.iter().map(|distractor| distractor.at(seconds)).collect();
-        self.camera(frame).render_among(&present, pose, image);
+        self.distractors.iter().map(|distractor| distractor.at(seconds)).collect()
     }
 
     /// Brightness at a frame, as a share of that at frame 0.

@@ -4,6 +4,7 @@
 //! drive in the same world without noticing each other, which is how evaluation runs trials beside a live run.
 
 mod arena;
+mod batch;
 mod body;
 mod camera;
 mod distractors;
@@ -13,8 +14,10 @@ mod noise;
 mod pyramids;
 mod sensor;
 mod texture;
+mod views;
 
 pub use arena::Arena;
+pub use batch::RenderedBy;
 pub(crate) use body::drive;
 pub use body::{Action, FrameMotion, Robot};
 pub use camera::Camera;

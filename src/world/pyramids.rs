@@ -14,13 +14,13 @@ const SATURATION: f64 = 0.45;
 
 /// A pyramid in numbers that do not depend on the camera's pose.
 pub struct Pyramid {
-    centre: Point2<f64>,
+    pub(super) centre: Point2<f64>,
     /// Unit vectors of the faces' normals on the floor plan.
-    normals: [Vector2<f64>; 4],
+    pub(super) normals: [Vector2<f64>; 4],
     /// Texels of the faces.
-    colours: [u32; 4],
-    half: f64,
-    height: f64,
+    pub(super) colours: [u32; 4],
+    pub(super) half: f64,
+    pub(super) height: f64,
     reach: f64,
 }
 

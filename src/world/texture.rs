@@ -71,6 +71,16 @@ impl TextureMap {
         TextureMap { width, height, texels, periods: [width, height].map(|texels| density / texels as f64) }
     }
 
+    /// Texels along and upwards.
+    pub fn size(&self) -> (usize, usize) {
+        (self.width, self.height)
+    }
+
+    /// Red, green, blue from the lowest byte on; column by column, each upwards.
+    pub fn texels(&self) -> &[u32] {
+        &self.texels
+    }
+
     /// Mean colour.
     pub fn mean(&self) -> [u8; 3] {
         let channel = |c: usize| self.texels.iter().map(|texel| u64::from(texel.to_le_bytes()[c])).sum::<u64>();

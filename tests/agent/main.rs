@@ -15,3 +15,4 @@ mod navigation_pose;
 mod rooms;
 mod scenario;
 mod simulation;
+mod views;

@@ -11,7 +11,7 @@ pub use conduct::*;
 pub use learning::*;
 pub use robot::*;
 pub(super) use world::Defaults;
-pub use world::{Pattern, Texture, Wall, World};
+pub use world::{Pattern, Renderer, Texture, Wall, World};
 
 use std::path::Path;
 

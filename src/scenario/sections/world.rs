@@ -7,9 +7,22 @@ use crate::scenario::keys::{Range, Reader, Section};
 use crate::scenario::pyramids::Pyramid;
 use crate::scenario::rooms::{Room, walls_of};
 
+/// Who renders what the camera sees.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Renderer {
+    /// Many views at once: whichever is faster on this machine. Single ones: the processor.
+    Auto,
+    /// The processor.
+    Cpu,
+    /// A graphics processor, if there is one.
+    Gpu,
+}
+
 /// `[world]`: what the robot drives in.
 #[derive(Debug, Clone, PartialEq)]
 pub struct World {
+    /// Who renders what the camera sees.
+    pub renderer: Renderer,
     /// `[[world.room]]`
     pub rooms: Vec<Room>,
     /// `[[world.wall]]`, and behind them four walls for each room, in the order of [`SIDES`](crate::scenario::SIDES).
@@ -155,10 +168,13 @@ impl Defaults {
 
 impl World {
     pub(super) fn read(reader: &mut Reader<'_>, base: &Path) -> Self {
-        let papers = reader.section("world", "what the robot drives in", |s| {
+        let (papers, renderer) = reader.section("world", "what the robot drives in", |s| {
             s.allow_sections(&["room", "wall", "pyramid", "distractor", "floor", "surroundings"]);
             let line = "another number: other patterns on walls and floor, of the same kinds";
-            s.count("papers", 0, "", 0, 1_000_000, line) as u64
+            let papers = s.count("papers", 0, "", 0, 1_000_000, line) as u64;
+            let words = [("auto", Renderer::Auto), ("cpu", Renderer::Cpu), ("gpu", Renderer::Gpu)];
+            let line = "who renders: auto takes a graphics processor for many views at once, where that is faster";
+            (papers, s.choice("renderer", 0, &words, line))
         });
         let rooms = reader.sections("world.room", "a rectangle of floor; rooms that touch or overlap are joined", {
             |s, index| Room::read(s, base, index)
@@ -183,7 +199,7 @@ impl World {
         let surroundings = reader.section("world.surroundings", "seen above the walls, far away", |s| {
             Texture::read(s, base, Defaults::SURROUNDINGS)
         });
-        World { rooms, walls, pyramids, distractors, floor, surroundings }
+        World { renderer, rooms, walls, pyramids, distractors, floor, surroundings }
     }
 }
 

@@ -1,0 +1,206 @@
+//! A graphics processor: found, opened, and told apart from programs that only pretend to be one.
+//!
+//! What runs on it stands with what it computes: pictures of many views in [`world`](crate::world). Everything is optional: where there
+//! is no graphics processor, or where it fails, callers are told why, and go on without.
+
+mod rates;
+
+pub use rates::CopyRates;
+
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+
+use thiserror::Error;
+use wgpu::{Adapter, Backends, Device, DeviceDescriptor, DeviceType, Instance, InstanceDescriptor, Queue};
+
+/// Why something is not done by a graphics processor.
+#[derive(Debug, Error, Clone, PartialEq, Eq)]
+pub enum GpuError {
+    /// There is none.
+    #[error("there is no graphics processor with a driver")]
+    None,
+    /// There are only drivers that compute on the processor itself.
+    #[error("{0} is no graphics processor: it computes on the processor, and slower than this program does")]
+    Software(String),
+    /// It could not be opened.
+    #[error("{name} cannot be used: {cause}")]
+    Open {
+        /// Its name.
+        name: String,
+        /// What the driver says.
+        cause: String,
+    },
+    /// More is needed than it allows.
+    #[error("{what}: {needed} are needed, and {name} allows {allowed}")]
+    Limit {
+        /// What is limited.
+        what: &'static str,
+        /// How much is needed.
+        needed: u64,
+        /// How much is allowed.
+        allowed: u64,
+        /// The device's name.
+        name: String,
+    },
+    /// It was lost, ran out of memory, or its driver reported an error: nothing that it gives is used any more.
+    #[error("{name} has failed: {cause}")]
+    Failed {
+        /// Its name.
+        name: String,
+        /// What the driver says.
+        cause: String,
+    },
+}
+
+/// Name of the environment variable that lets drivers in software be used as graphics processors are: for tests.
+pub const SOFTWARE: &str = "ADAGIO_SOFTWARE_GPU";
+
+/// Which adapters may be opened.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Adapters {
+    /// Graphics processors.
+    Hardware,
+    /// Drivers in software too, such as Mesa's, if there is no other: for tests of what the shaders give.
+    Any,
+}
+
+/// An open graphics processor.
+#[derive(Debug)]
+pub struct Gpu {
+    device: Device,
+    queue: Queue,
+    name: String,
+    software: bool,
+    /// The first thing that went wrong.
+    failure: Arc<Mutex<Option<String>>>,
+}
+
+impl Gpu {
+    /// Open the best adapter: one of its own memory before one that shares the processor's.
+    ///
+    /// # Errors
+    /// None that is allowed, or one that cannot be opened.
+    pub fn open(adapters: Adapters) -> Result<Arc<Self>, GpuError> {
+        let instance = Instance::new(InstanceDescriptor::new_without_display_handle());
+        let mut found = pollster::block_on(instance.enumerate_adapters(Backends::all()));
+        found.sort_by_key(|adapter| rank(adapter.get_info().device_type));
+        let Some(adapter) = found.first() else { return Err(GpuError::None) };
+        let info = adapter.get_info();
+        let software = info.device_type == DeviceType::Cpu;
+        let name = format!("{} ({})", info.name, info.backend);
+        if software && adapters == Adapters::Hardware {
+            return Err(GpuError::Software(name));
+        }
+        Self::of(adapter, name, software)
+    }
+
+    fn of(adapter: &Adapter, name: String, software: bool) -> Result<Arc<Self>, GpuError> {
+        let description = DeviceDescriptor { required_limits: adapter.limits(), ..DeviceDescriptor::default() };
+        let (device, queue) = pollster::block_on(adapter.request_device(&description))
+            .map_err(|cause| GpuError::Open { name: name.clone(), cause: cause.to_string() })?;
+        let failure = Arc::new(Mutex::new(None));
+        let note = |failure: &Arc<Mutex<Option<String>>>, cause: String| {
+            failure.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(cause);
+        };
+        let at_error = failure.clone();
+        // Without this an error of the driver would end the program.
+        device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| note(&at_error, one_line(&error.to_string()))));
+        let at_loss = failure.clone();
+        device.set_device_lost_callback(move |_, cause| {
+            note(&at_loss, format!("the device is lost: {}", one_line(&cause)))
+        });
+        Ok(Arc::new(Gpu { device, queue, name, software, failure }))
+    }
+
+    /// The graphics processor of this machine, opened when it is first asked for. With the environment variable
+    /// [`SOFTWARE`] set to 1 a driver in software counts as one.
+    ///
+    /// # Errors
+    /// There is none.
+    pub fn shared() -> Result<Arc<Self>, GpuError> {
+        static SHARED: OnceLock<Result<Arc<Gpu>, GpuError>> = OnceLock::new();
+        let adapters = || if allows_software() { Adapters::Any } else { Adapters::Hardware };
+        SHARED.get_or_init(|| Gpu::open(adapters())).clone()
+    }
+
+    /// As [`Gpu::shared`], without asking the drivers where the machine shows no device: they take memory, and may print.
+    ///
+    /// # Errors
+    /// There is none.
+    pub fn shared_if_likely() -> Result<Arc<Self>, GpuError> {
+        if allows_software() || shows_device() { Gpu::shared() } else { Err(GpuError::None) }
+    }
+
+    /// The device's name and the interface to it.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Whether it is a program on the processor: good for tests alone.
+    pub fn is_software(&self) -> bool {
+        self.software
+    }
+
+    pub(crate) fn device(&self) -> &Device {
+        &self.device
+    }
+
+    pub(crate) fn queue(&self) -> &Queue {
+        &self.queue
+    }
+
+    /// Refuse what was computed if anything went wrong so far.
+    ///
+    /// # Errors
+    /// What went wrong first.
+    pub fn check(&self) -> Result<(), GpuError> {
+        match self.failure.lock().unwrap_or_else(PoisonError::into_inner).clone() {
+            Some(cause) => Err(self.failed(cause)),
+            None => Ok(()),
+        }
+    }
+
+    pub(crate) fn failed(&self, cause: impl std::fmt::Display) -> GpuError {
+        GpuError::Failed { name: self.name.clone(), cause: cause.to_string() }
+    }
+
+    /// Refuse to need more than the device allows.
+    pub(crate) fn allow(&self, what: &'static str, needed: u64, allowed: u64) -> Result<(), GpuError> {
+        if needed > allowed {
+            return Err(GpuError::Limit { what, needed, allowed, name: self.name.clone() });
+        }
+        Ok(())
+    }
+
+    /// Take the device away, as a driver does that crashes: for tests of what happens then.
+    pub fn lose(&self) {
+        self.device.destroy();
+        self.failure.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert("the device was taken away".into());
+    }
+}
+
+fn allows_software() -> bool {
+    std::env::var(SOFTWARE).is_ok_and(|value| value == "1")
+}
+
+/// Whether the machine shows a device that drivers could drive. Only Linux can be asked that easily.
+fn shows_device() -> bool {
+    const LINKS: [&str; 6] =
+        ["/dev/dri", "/dev/nvidia0", "/dev/nvidiactl", "/dev/dxg", "/dev/nvhost-gpu", "/dev/mali0"];
+    !cfg!(target_os = "linux") || LINKS.iter().any(|path| std::path::Path::new(path).exists())
+}
+
+/// The order in which adapters are tried.
+fn rank(kind: DeviceType) -> usize {
+    match kind {
+        DeviceType::DiscreteGpu => 0,
+        DeviceType::IntegratedGpu => 1,
+        DeviceType::VirtualGpu => 2,
+        DeviceType::Other => 3,
+        DeviceType::Cpu => 4,
+    }
+}
+
+/// Messages of drivers have many lines.
+fn one_line(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
+}

@@ -1,0 +1,80 @@
+//! What a device can do at best, for comparison with what is reached on it.
+
+use std::sync::mpsc;
+use std::time::Instant;
+
+use wgpu::{BufferDescriptor, BufferUsages, CommandEncoderDescriptor, MapMode, PollType};
+
+use super::{Gpu, GpuError};
+
+/// Bytes per second.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CopyRates {
+    /// From one place of the device's memory to another; each byte is read and written, and counts twice.
+    pub within: f64,
+    /// From the device to the processor's memory, read there.
+    pub to_memory: f64,
+}
+
+/// Bytes that are copied.
+const BYTES: u64 = 1 << 26;
+/// Copies in one submission.
+const COPIES: u64 = 16;
+/// The best of so many.
+const TRIES: usize = 5;
+
+impl Gpu {
+    /// How fast the device copies.
+    ///
+    /// # Errors
+    /// A device that has failed.
+    pub fn copy_rates(&self) -> Result<CopyRates, GpuError> {
+        let (device, queue) = (self.device(), self.queue());
+        let room = |usage| {
+            device.create_buffer(&BufferDescriptor {
+                label: Some("copies"),
+                size: BYTES,
+                usage,
+                mapped_at_creation: false,
+            })
+        };
+        let (copy_from, copy_to) = (BufferUsages::COPY_SRC, BufferUsages::COPY_DST);
+        let (a, b, out) =
+            (room(copy_from | copy_to), room(copy_from | copy_to), room(copy_to | BufferUsages::MAP_READ));
+        let wait = || device.poll(PollType::wait_indefinitely()).map_err(|cause| self.failed(cause));
+        let (mut within, mut to_memory) = (f64::INFINITY, f64::INFINITY);
+        let mut sum = 0u64;
+        for _ in 0..TRIES {
+            let begin = Instant::now();
+            let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor::default());
+            (0..COPIES / 2).for_each(|_| {
+                encoder.copy_buffer_to_buffer(&a, 0, &b, 0, BYTES);
+                encoder.copy_buffer_to_buffer(&b, 0, &a, 0, BYTES);
+            });
+            queue.submit([encoder.finish()]);
+            wait()?;
+            within = within.min(begin.elapsed().as_secs_f64() / COPIES as f64);
+            let begin = Instant::now();
+            let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor::default());
+            encoder.copy_buffer_to_buffer(&a, 0, &out, 0, BYTES);
+            queue.submit([encoder.finish()]);
+            let (tell, mapped) = mpsc::channel();
+            // Nobody listens after a failure.
+            out.slice(..).map_async(MapMode::Read, move |result| drop(tell.send(result)));
+            wait()?;
+            mapped.recv().map_err(|cause| self.failed(cause))?.map_err(|cause| self.failed(cause))?;
+            {
+                let bytes = out.slice(..).get_mapped_range().map_err(|cause| self.failed(cause))?;
+                sum += bytes.iter().map(|&byte| u64::from(byte)).sum::<u64>();
+            }
+            out.unmap();
+            to_memory = to_memory.min(begin.elapsed().as_secs_f64());
+        }
+        // Buffers begin as zeros; reading them is not to be left out.
+        if sum != 0 {
+            return Err(self.failed("a copy of zeros has other values"));
+        }
+        self.check()?;
+        Ok(CopyRates { within: 2.0 * BYTES as f64 / within, to_memory: BYTES as f64 / to_memory })
+    }
+}

@@ -1,0 +1,204 @@
+//! Views by a graphics processor: the same pictures as the processor's, and what happens when there is none or it fails.
+//!
+//! Where there is no graphics processor, a driver in software draws (Mesa's). Where there is none either, a test says so and
+//! checks nothing; `ADAGIO_REQUIRE_GPU=1` makes that a failure.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::Arc;
+
+use adagio::gpu::{Adapters, Gpu};
+use adagio::scenario::{Change, Happens, Scenario};
+use adagio::vision::observe;
+use adagio::world::{Image, Looks, Pose, World};
+use nalgebra::{Point2, Vector2};
+use rand::RngExt;
+use serde_json::Value;
+
+use crate::common::{generator, package_file};
+
+/// A device to draw with, in software if need be.
+fn device() -> Option<Arc<Gpu>> {
+    match Gpu::open(Adapters::Any) {
+        Ok(gpu) => Some(gpu),
+        Err(error) => {
+            let required = std::env::var("ADAGIO_REQUIRE_GPU").is_ok_and(|value| value == "1");
+            assert!(!required, "ADAGIO_REQUIRE_GPU is set: {error}");
+            eprintln!("nothing is checked: {error}");
+            None
+        }
+    }
+}
+
+/// All scenarios of the package.
+fn scenarios() -> Vec<PathBuf> {
+    let folders = [package_file("scenarios"), package_file("scenarios/soak")];
+    let files = folders.iter().flat_map(|folder| std::fs::read_dir(folder).unwrap());
+    let mut files: Vec<PathBuf> = files.map(|file| file.unwrap().path()).filter(|path| path.is_file()).collect();
+    files.sort();
+    files
+}
+
+fn random_poses(world: &World, count: usize, seed: u64) -> Vec<(Pose, u64)> {
+    let mut rng = generator(seed);
+    let cells: Vec<Point2<f64>> = world.plan.reachable_cells().collect();
+    let mut draw = || {
+        let offset = Vector2::new(rng.random_range(-0.02..0.02), rng.random_range(-0.02..0.02));
+        let heading = rng.random_range(-std::f64::consts::PI..std::f64::consts::PI);
+        let pose = Pose::new(cells[rng.random_range(0..cells.len())] + offset, heading);
+        (pose, rng.random_range(0..100_000))
+    };
+    (0..count).map(|_| draw()).collect()
+}
+
+/// How two renderers' pictures differ.
+#[derive(Debug, Default)]
+struct Difference {
+    /// Share of all observed values that differ by more than one grey level.
+    share: f64,
+    /// Root mean square of a view's differences, grey levels: the largest.
+    worst_view: f64,
+    /// The largest difference of a value.
+    largest: u8,
+}
+
+fn compare(scenario: &Scenario, ours: &[Image], theirs: &[Image]) -> Difference {
+    let mut found = Difference::default();
+    let (mut count, mut differ) = (0usize, 0usize);
+    for (a, b) in ours.iter().zip(theirs) {
+        assert_eq!((a.width, a.height, a.cropped), (b.width, b.height, b.cropped));
+        let [a, b] = [a, b].map(|image| observe(image, &scenario.vision, 0).pixels);
+        let apart: Vec<u8> = a.iter().zip(&b).map(|(a, b)| a.abs_diff(*b)).collect();
+        count += apart.len();
+        differ += apart.iter().filter(|&&apart| apart > 1).count();
+        found.largest = found.largest.max(*apart.iter().max().unwrap());
+        let squared = apart.iter().map(|&apart| f64::from(apart).powi(2)).sum::<f64>() / apart.len() as f64;
+        found.worst_view = found.worst_view.max(squared.sqrt());
+    }
+    found.share = differ as f64 / count as f64;
+    found
+}
+
+#[test]
+fn a_device_draws_what_the_processor_draws_in_every_scenario() {
+    let Some(gpu) = device() else { return };
+    println!("{}", gpu.name());
+    for path in scenarios() {
+        let scenario = Scenario::load(&path, &[]).unwrap();
+        let world = World::new(&scenario).unwrap();
+        let drawn_by = Looks::new(&scenario).unwrap().on(gpu.clone());
+        let poses = random_poses(&world, 1000, 7);
+        // The world as it looks at first, and after each change of its papers.
+        let papered = |change: &&Change| matches!(change.what, Happens::Paper { .. });
+        let changes = scenario.changes.iter().filter(papered).map(|change| change.first_frame(&scenario.robot));
+        for frame in std::iter::once(0).chain(changes) {
+            let mut ours = vec![Image::default(); poses.len()];
+            let mut theirs = ours.clone();
+            for (image, (pose, later)) in ours.iter_mut().zip(&poses) {
+                world.looks.render_into(pose, frame, *later, image);
+            }
+            assert!(drawn_by.render_by_device(frame, &poses, &mut theirs), "{:?}", drawn_by.rendered_by());
+            let found = compare(&scenario, &ours, &theirs);
+            println!("{} frame {frame}: {found:?}", path.display());
+            // What learning sees: a sensor's noise is a grey level in every value, and exposure many.
+            assert!(found.share <= 2e-4 && found.worst_view <= 3.0, "{} frame {frame}: {found:?}", path.display());
+        }
+    }
+}
+
+/// Full pictures, as a robot's camera would send them, and one view at a time.
+#[test]
+fn a_device_draws_full_pictures_and_single_views() {
+    let Some(gpu) = device() else { return };
+    let sets = ["camera.detail=full".to_owned()];
+    let scenario = Scenario::load(&package_file("scenarios/two_rooms.toml"), &sets).unwrap();
+    let world = World::new(&scenario).unwrap();
+    let drawn_by = Looks::new(&scenario).unwrap().on(gpu);
+    let poses = random_poses(&world, 40, 8);
+    let mut ours = vec![Image::default(); poses.len()];
+    let (mut theirs, mut single) = (ours.clone(), ours.clone());
+    for (i, (pose, later)) in poses.iter().enumerate() {
+        world.looks.render_into(pose, 0, *later, &mut ours[i]);
+        drawn_by.render_into(pose, 0, *later, &mut single[i]);
+    }
+    assert!(drawn_by.render_by_device(0, &poses, &mut theirs));
+    assert_eq!((theirs[0].width, theirs[0].height), (scenario.camera.width, scenario.camera.height));
+    // What a device draws does not depend on what else it draws.
+    assert_eq!(single, theirs);
+    let found = compare(&scenario, &ours, &theirs);
+    assert!(found.share <= 2e-4 && found.worst_view <= 3.0, "{found:?}");
+}
+
+#[test]
+fn a_device_that_is_lost_is_told_once_and_the_processor_goes_on() {
+    let Some(gpu) = device() else { return };
+    let scenario = Scenario::load(&package_file("scenarios/smoke.toml"), &[]).unwrap();
+    let world = World::new(&scenario).unwrap();
+    let looks = Looks::new(&scenario).unwrap().on(gpu.clone());
+    let poses = random_poses(&world, 100, 9);
+    let mut images = vec![Image::default(); poses.len()];
+    assert!(looks.render_by_device(0, &poses, &mut images));
+    assert_eq!(looks.rendered_by().unwrap().gpu.as_deref(), Some(gpu.name()));
+    assert_eq!(looks.missing_device(), None);
+    gpu.lose();
+    for _ in 0..2 {
+        assert!(!looks.render_by_device(0, &poses, &mut images));
+        let by = looks.rendered_by().unwrap();
+        assert!(by.gpu.is_none() && by.why.contains(gpu.name()), "{by:?}");
+        assert!(by.why.ends_with("the processor went on"), "{by:?}");
+    }
+    assert!(looks.missing_device().unwrap().contains("has failed"));
+    // Single views, too.
+    let (pose, later) = poses[0];
+    let (mut ours, mut theirs) = (Image::default(), Image::default());
+    looks.render_into(&pose, 0, later, &mut ours);
+    world.looks.render_into(&pose, 0, later, &mut theirs);
+    assert_eq!(ours, theirs);
+}
+
+/// A run and its trials, with what is drawn by whom.
+fn drive(folder: &Path, arguments: &[&str], software: bool) -> (Value, String) {
+    let output = Command::new(env!("CARGO_BIN_EXE_adagio"))
+        .args(arguments)
+        .current_dir(folder)
+        .env(adagio::gpu::SOFTWARE, if software { "1" } else { "0" })
+        .output()
+        .unwrap();
+    let errors = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{errors}");
+    (serde_json::from_slice(&output.stdout).unwrap(), errors)
+}
+
+#[test]
+fn a_policy_learned_on_one_renderer_works_on_the_other() {
+    if device().is_none() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let lab = package_file("scenarios/lab.toml");
+    let learn = |name: &str, renderer: &str| {
+        let set = format!("world.renderer={renderer}");
+        let run = ["run", lab.to_str().unwrap(), "--seed", "21", "--actions", "1500", "--set", &set, "--out", name];
+        let trials = ["--set", "evaluate.every=0", "--set", "evaluate.starts=200", "--no-report", "--json", "--quiet"];
+        drive(folder.path(), &[&run[..], &trials].concat(), true).0
+    };
+    let success = |tasks: &Value| {
+        let tasks = tasks["tasks"].as_array().unwrap();
+        tasks.iter().map(|task| task["success"].as_f64().unwrap()).sum::<f64>() / tasks.len() as f64
+    };
+    let (by_cpu, by_gpu) = (learn("cpu", "cpu"), learn("gpu", "gpu"));
+    assert!(by_cpu["computed_by"]["pictures"].is_null());
+    assert!(by_gpu["computed_by"]["pictures"]["gpu"].is_string(), "{}", by_gpu["computed_by"]);
+    // The same policy in the other renderer's pictures: the scenario of the run asks for a device that is there, or is not.
+    let evaluate =
+        |run: &str, software| drive(folder.path(), &["evaluate", run, "--starts", "200", "--json"], software);
+    let (elsewhere, warning) = evaluate("gpu", false);
+    assert!(warning.contains("world.renderer is \"gpu\", and the processor renders"), "{warning}");
+    let here = success(&by_gpu);
+    assert!(here >= 0.9 && success(&elsewhere) >= here - 0.02, "{here} and {elsewhere}");
+    let text = std::fs::read_to_string(folder.path().join("cpu/scenario.toml")).unwrap();
+    std::fs::write(folder.path().join("cpu/scenario.toml"), text.replace("\"cpu\"", "\"gpu\"")).unwrap();
+    let (elsewhere, _) = evaluate("cpu", true);
+    let here = success(&by_cpu);
+    assert!(here >= 0.9 && success(&elsewhere) >= here - 0.02, "{here} and {elsewhere}");
+}
