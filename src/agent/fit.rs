@@ -10,6 +10,8 @@ use faer::{Mat, Par};
 use rayon::prelude::*;
 
 use super::messages::{FitRequest, Lived, Update};
+use super::rows::KernelRows;
+use crate::gpu::Choice;
 use crate::parts::{Parts, PartsError, Persist};
 use crate::policy::{Learned, columns, points};
 use crate::scenario::{Method, Scenario, Task};
@@ -28,20 +30,27 @@ const PROJECT_AT_ONCE: usize = 512;
 pub struct FitPolicies {
     scenario: Arc<Scenario>,
     par: Par,
+    rows: KernelRows,
     epoch: u32,
 }
 
 impl FitPolicies {
     /// A fitter for the tasks of a scenario; its results do not depend on `par`.
     pub fn new(scenario: Arc<Scenario>, par: Par) -> Self {
-        FitPolicies { scenario, par, epoch: 0 }
+        FitPolicies { rows: KernelRows::new(scenario.agent.compute), scenario, par, epoch: 0 }
+    }
+
+    /// Who computes the kernel values of the window, as far as there was a choice.
+    pub fn kernel_values_by(&self) -> Option<Choice> {
+        self.rows.choice()
     }
 
     /// Policies for a new model. Nothing of an older model is used: the whole window is projected again.
     pub fn step(&mut self, request: FitRequest) -> Update {
         let transitions = request.window.len();
         let fitted = request.model.and_then(|model| {
-            let projected = Projection::new(&model, &request.window, self.par).map_err(|error| error.to_string())?;
+            let projected = Projection::new(&model, &request.window, &mut self.rows, self.par);
+            let projected = projected.map_err(|error| error.to_string())?;
             let (epoch, asked_at, frames) = (self.epoch + 1, request.asked_at, request.frames);
             let weights_of = |fits: &[Fit]| fits.iter().map(|fit| fit.weights.clone()).collect();
             let (learned, fits) = match self.scenario.value.method {
@@ -156,20 +165,23 @@ struct Projection {
 }
 
 impl Projection {
-    fn new(model: &SlowModel<f32>, window: &[Lived], par: Par) -> Result<Self, SlowError> {
+    fn new(model: &SlowModel<f32>, window: &[Lived], rows: &mut KernelRows, par: Par) -> Result<Self, SlowError> {
         let unique: BTreeMap<u64, &Arc<Observation>> =
             window.iter().flat_map(|t| [&t.from, &t.to]).map(|seen| (seen.frame, seen)).collect();
         let place = unique.keys().enumerate().map(|(column, &frame)| (frame, column)).collect();
         let seen: Vec<&Observation> = unique.values().map(|seen| seen.as_ref()).collect();
         let mut phi = Mat::zeros(model.features(), seen.len());
         let mut cell = Vec::with_capacity(seen.len());
-        for (index, part) in seen.chunks(PROJECT_AT_ONCE).enumerate() {
-            let rows = model.kernel_rows(columns(part.iter().copied()).as_ref(), par)?;
+        let parts = seen.chunks(PROJECT_AT_ONCE).map(|part| columns(part.iter().copied()));
+        let mut done = 0;
+        rows.each(model, parts, par, |rows| {
             let features = model.apply_to_rows(rows.as_ref(), par)?;
-            phi.as_mut().subcols_mut(index * PROJECT_AT_ONCE, part.len()).copy_from(&features);
+            phi.as_mut().subcols_mut(done, rows.ncols()).copy_from(&features);
+            done += rows.ncols();
             // The nearest support vector is the one with the largest kernel value.
             cell.extend(rows.col_iter().map(|row| greedy(row.iter().copied())));
-        }
+            Ok(())
+        })?;
         Ok(Projection { place, phi, cell })
     }
 

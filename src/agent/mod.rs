@@ -31,6 +31,7 @@ mod messages;
 mod perceive;
 mod queue;
 mod record;
+mod rows;
 mod run;
 mod schedule;
 #[cfg(test)]

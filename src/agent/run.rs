@@ -27,6 +27,7 @@ use super::solve::Solve;
 use super::status::Status;
 use super::turns::Turns;
 use crate::evaluate::Evaluator;
+use crate::gpu::Choice;
 use crate::log::{LogError, RunLog, RunTotals};
 use crate::parts::{Parts, PartsError};
 use crate::policy::{Learned, Tally};
@@ -149,6 +150,8 @@ pub struct Outcome {
     pub pursuits: Vec<Tally>,
     /// Frames that the source dropped.
     pub dropped: u64,
+    /// Who computed the kernel values of the window, as far as there was a choice.
+    pub kernel_values_by: Option<Choice>,
     /// Why the last state of the run could not be kept, if it could not: the run then goes on from its log.
     pub not_kept: Option<String>,
     /// The log.
@@ -285,7 +288,7 @@ pub(super) fn run_in_turns(
                     break;
                 }
             }
-            Ok(clock)
+            Ok((clock, fit.kernel_values_by()))
         })?;
         let (record, keep) = (recorder.clone(), options.keep.as_ref());
         let keeper = crew.start("keep", move || loops::keep(&keep_in, keep, scenario, &record))?;
@@ -358,7 +361,7 @@ pub(super) fn run_in_turns(
     let acted = act.ok().flatten().ok_or_else(|| lost("act"))?;
     let perceived = perceive.ok().flatten().ok_or_else(|| lost("perceive"))?;
     let resolve = solver.ok().flatten().ok_or_else(|| lost("solve"))?;
-    let refit = fitter.ok().flatten().ok_or_else(|| lost("fit"))?;
+    let (refit, kernel_values_by) = fitter.ok().flatten().ok_or_else(|| lost("fit"))?;
     Ok(Outcome {
         learned: acted.learned,
         without_model: acted.without_model,
@@ -381,6 +384,7 @@ pub(super) fn run_in_turns(
         },
         pursuits: acted.pursuits,
         dropped: status.snapshot().dropped,
+        kernel_values_by,
         not_kept,
         log: log.ok().flatten().ok_or_else(|| lost("log"))?,
     })

@@ -18,7 +18,7 @@ use crate::log::{LogOptions, Rotation, RunLog};
 use crate::parts::Parts;
 pub use crate::report::gather::ROOM;
 use crate::report::{ComputedBy, Origin, Program, Report, table};
-use crate::scenario::Scenario;
+use crate::scenario::{Compute, Scenario};
 use crate::soak::Sampler;
 use crate::source::Source;
 use crate::world::World;
@@ -121,7 +121,13 @@ impl Drive<'_> {
                 .ok();
         }
         let tasks = trials.iter().flatten().map(|(result, _)| result.clone()).collect();
-        let computed_by = ComputedBy { pictures: world.looks.rendered_by() };
+        let kernel_values = outcome.kernel_values_by.clone();
+        let computed_by = ComputedBy { pictures: world.looks.rendered_by(), kernel_values };
+        if let Some(by) = computed_by.kernel_values.as_ref().filter(|by| by.gpu.is_none())
+            && scenario.agent.compute == Compute::Gpu
+        {
+            eprintln!("warning: agent.compute is \"gpu\", and the processor computed: {}", by.why);
+        }
         if no_device.is_none()
             && let Some(warning) = world.looks.missing_device()
         {

@@ -4,11 +4,14 @@
 //! is no graphics processor, or where it fails, callers are told why, and go on without.
 
 mod rates;
+mod rows;
 
 pub use rates::CopyRates;
+pub use rows::{Of, Pending, Rows, Tile};
 
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
+use serde::Serialize;
 use thiserror::Error;
 use wgpu::{Adapter, Backends, Device, DeviceDescriptor, DeviceType, Instance, InstanceDescriptor, Queue};
 
@@ -53,6 +56,21 @@ pub enum GpuError {
 
 /// Name of the environment variable that lets drivers in software be used as graphics processors are: for tests.
 pub const SOFTWARE: &str = "ADAGIO_SOFTWARE_GPU";
+
+/// Who computes something, and why.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Choice {
+    /// The graphics processor's name; `None`: the processor itself.
+    pub gpu: Option<String>,
+    /// Why that one.
+    pub why: String,
+}
+
+impl std::fmt::Display for Choice {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "by {}: {}", self.gpu.as_deref().unwrap_or("the processor"), self.why)
+    }
+}
 
 /// Which adapters may be opened.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -55,13 +55,33 @@ impl Kernel {
             ("the list of norms on the left", s_norms.len(), s.ncols()),
             ("the list of norms on the right", x_norms.len(), x.ncols()),
         ];
-        for (what, found, expected) in sizes {
-            if found != expected {
-                return Err(KernelError::Shape { what, found, expected });
-            }
-        }
+        refuse_other_sizes(sizes)?;
         let mut values = Mat::zeros(s.ncols(), x.ncols());
         fill(self, Side { x: s, norms: s_norms }, Side { x, norms: x_norms }, values.as_mut(), par);
+        Ok(values)
+    }
+
+    /// Kernel values of products `SᵀX` that were computed elsewhere: those of [`Kernel::matrix`], bit for bit, if the products are.
+    ///
+    /// # Shapes
+    /// `products: m × n`, `s_norms: m`, `x_norms: n`; the result is `m × n`.
+    ///
+    /// # Errors
+    /// Shapes that do not fit each other.
+    pub fn matrix_of_products<T: Scalar>(
+        &self,
+        products: &Mat<T>,
+        s_norms: &[f64],
+        x_norms: &[f64],
+    ) -> Result<Mat<f64>, KernelError> {
+        let sizes = [
+            ("the list of norms on the left", s_norms.len(), products.nrows()),
+            ("the list of norms on the right", x_norms.len(), products.ncols()),
+        ];
+        refuse_other_sizes(sizes)?;
+        let mut values = Mat::zeros(products.nrows(), products.ncols());
+        let tile = Tile { kernel: self, products, left: s_norms, right: x_norms, values: values.as_mut() };
+        Arch::new().dispatch(tile);
         Ok(values)
     }
 
@@ -88,6 +108,14 @@ impl Kernel {
                 }
             }
         }
+    }
+}
+
+/// Sizes with their names: found, expected.
+fn refuse_other_sizes(sizes: impl IntoIterator<Item = (&'static str, usize, usize)>) -> Result<(), KernelError> {
+    match sizes.into_iter().find(|(_, found, expected)| found != expected) {
+        Some((what, found, expected)) => Err(KernelError::Shape { what, found, expected }),
+        None => Ok(()),
     }
 }
 

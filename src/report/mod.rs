@@ -25,9 +25,9 @@ use serde::Serialize;
 
 use crate::agent::{CurvePoint, Outcome, Timing, peak_resident_bytes};
 use crate::evaluate::{PoseDecode, TaskResult};
+use crate::gpu::Choice;
 use crate::scenario::Scenario;
 use crate::source::ImportReport;
-use crate::world::RenderedBy;
 
 /// `report.json`. Keys stay once introduced; `None` is what a run could not know.
 #[derive(Debug, Clone, Serialize)]
@@ -69,7 +69,9 @@ pub struct Report {
 pub struct ComputedBy {
     /// Pictures of many places at once, as in trials; those of the robot's camera too, if the scenario asks for a device. `None`:
     /// there were none, or the scenario leaves them to the processor.
-    pub pictures: Option<RenderedBy>,
+    pub pictures: Option<Choice>,
+    /// Kernel values of the window of transitions: they are the same whoever computes them. `None`: as above.
+    pub kernel_values: Option<Choice>,
 }
 
 /// The program that ran.

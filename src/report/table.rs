@@ -56,8 +56,11 @@ pub fn table(report: &Report) -> String {
         }
         _ => text.push_str("no model was made\n"),
     }
-    if let Some(by) = report.computed_by.pictures.as_ref().filter(|by| by.gpu.is_some()) {
-        let _ = writeln!(text, "pictures {by}");
+    let computed = [("pictures", &report.computed_by.pictures), ("kernel values", &report.computed_by.kernel_values)];
+    for (what, by) in computed {
+        if let Some(by) = by.as_ref().filter(|by| by.gpu.is_some()) {
+            let _ = writeln!(text, "{what} {by}");
+        }
     }
     if let Some(reason) = &run.without_model {
         let _ = writeln!(text, "the newest model could not be made: {reason}");

@@ -98,6 +98,11 @@ impl<T: Scalar> SlowModel<T> {
         FeatureMap::new(move |x| model.apply(x, Par::Seq).map_err(|error| error.to_string()))
     }
 
+    /// Squared norms of the support vectors, `m`.
+    pub fn norms(&self) -> &[f64] {
+        &self.norms
+    }
+
     /// Number of features, the constant one included: `k + 1`.
     pub fn features(&self) -> usize {
         self.offset.len() + 1

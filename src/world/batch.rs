@@ -3,11 +3,9 @@
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
-use serde::Serialize;
-
 use super::views::{Eye, Views, on_all_threads};
 use super::{Camera, Image};
-use crate::gpu::{Gpu, GpuError};
+use crate::gpu::{Choice, Gpu, GpuError};
 use crate::scenario::Renderer;
 
 /// Fewer views than this are not worth a device's while, unless a scenario asks for it.
@@ -16,21 +14,6 @@ const FEWEST: usize = 64;
 /// Views that are rendered both ways, to see which is faster.
 const TRIED: usize = 256;
 
-/// Who renders, and why.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct RenderedBy {
-    /// The graphics processor's name; `None`: the processor itself.
-    pub gpu: Option<String>,
-    /// Why that one.
-    pub why: String,
-}
-
-impl std::fmt::Display for RenderedBy {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "by {}: {}", self.gpu.as_deref().unwrap_or("the processor"), self.why)
-    }
-}
-
 /// The choice between the two renderers, made once.
 pub struct Batch {
     setting: Renderer,
@@ -38,7 +21,7 @@ pub struct Batch {
 }
 
 struct Chosen {
-    by: Mutex<RenderedBy>,
+    by: Mutex<Choice>,
     gpu: Option<Arc<Gpu>>,
     /// By the number of the camera, made when they are needed; none after a failure.
     views: Mutex<Vec<Option<Views>>>,
@@ -68,7 +51,7 @@ impl Batch {
     }
 
     /// Open the device that a scenario asks for. What was chosen; `None` if nothing is chosen before there are views.
-    pub fn prepare(&self) -> Option<RenderedBy> {
+    pub fn prepare(&self) -> Option<Choice> {
         if self.setting == Renderer::Gpu {
             self.chosen.get_or_init(|| match Gpu::shared() {
                 Ok(gpu) => Chosen::gpu(gpu, "the scenario asks for it".into()),
@@ -79,7 +62,7 @@ impl Batch {
     }
 
     /// What was chosen; `None` as long as nothing was.
-    pub fn by(&self) -> Option<RenderedBy> {
+    pub fn by(&self) -> Option<Choice> {
         let chosen = self.chosen.get()?;
         Some(chosen.by.lock().unwrap_or_else(PoisonError::into_inner).clone())
     }
@@ -104,7 +87,7 @@ impl Batch {
         if let Err(error) = &done {
             views.clear();
             let why = format!("{error}; the processor went on");
-            *chosen.by.lock().unwrap_or_else(PoisonError::into_inner) = RenderedBy { gpu: None, why };
+            *chosen.by.lock().unwrap_or_else(PoisonError::into_inner) = Choice { gpu: None, why };
         }
         done.is_ok()
     }
@@ -129,11 +112,11 @@ fn choose(camera: &Arc<Camera>, eyes: &[Eye<'_>]) -> Chosen {
 
 impl Chosen {
     fn cpu(why: String) -> Self {
-        Chosen { by: Mutex::new(RenderedBy { gpu: None, why }), gpu: None, views: Mutex::default() }
+        Chosen { by: Mutex::new(Choice { gpu: None, why }), gpu: None, views: Mutex::default() }
     }
 
     fn gpu(gpu: Arc<Gpu>, why: String) -> Self {
-        let by = Mutex::new(RenderedBy { gpu: Some(gpu.name().to_owned()), why });
+        let by = Mutex::new(Choice { gpu: Some(gpu.name().to_owned()), why });
         Chosen { by, gpu: Some(gpu), views: Mutex::default() }
     }
 }

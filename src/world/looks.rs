@@ -2,11 +2,11 @@
 
 use std::sync::Arc;
 
-use super::batch::{Batch, RenderedBy};
+use super::batch::Batch;
 use super::distractors::{Distractor, Present};
 use super::views::Eye;
 use super::{Camera, Image, Pose};
-use crate::gpu::Gpu;
+use crate::gpu::{Choice, Gpu};
 use crate::scenario::{Happens, Scenario};
 
 /// The looks of a scenario's world from its first frame to its last.
@@ -121,7 +121,7 @@ impl Looks {
     }
 
     /// Who renders many views at once; `None` as long as there were none.
-    pub fn rendered_by(&self) -> Option<RenderedBy> {
+    pub fn rendered_by(&self) -> Option<Choice> {
         self.batch.by()
     }
 

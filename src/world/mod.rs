@@ -17,7 +17,6 @@ mod texture;
 mod views;
 
 pub use arena::Arena;
-pub use batch::RenderedBy;
 pub(crate) use body::drive;
 pub use body::{Action, FrameMotion, Robot};
 pub use camera::Camera;

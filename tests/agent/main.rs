@@ -13,6 +13,7 @@ mod features;
 mod navigation;
 mod navigation_pose;
 mod rooms;
+mod rows;
 mod scenario;
 mod simulation;
 mod views;

@@ -1,13 +1,10 @@
 //! Views by a graphics processor: the same pictures as the processor's, and what happens when there is none or it fails.
 //!
-//! Where there is no graphics processor, a driver in software draws (Mesa's). Where there is none either, a test says so and
-//! checks nothing; `ADAGIO_REQUIRE_GPU=1` makes that a failure.
+//! See `tests/common` for the device that draws.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::sync::Arc;
 
-use adagio::gpu::{Adapters, Gpu};
 use adagio::scenario::{Change, Happens, Scenario};
 use adagio::vision::observe;
 use adagio::world::{Image, Looks, Pose, World};
@@ -15,20 +12,7 @@ use nalgebra::{Point2, Vector2};
 use rand::RngExt;
 use serde_json::Value;
 
-use crate::common::{generator, package_file};
-
-/// A device to draw with, in software if need be.
-fn device() -> Option<Arc<Gpu>> {
-    match Gpu::open(Adapters::Any) {
-        Ok(gpu) => Some(gpu),
-        Err(error) => {
-            let required = std::env::var("ADAGIO_REQUIRE_GPU").is_ok_and(|value| value == "1");
-            assert!(!required, "ADAGIO_REQUIRE_GPU is set: {error}");
-            eprintln!("nothing is checked: {error}");
-            None
-        }
-    }
-}
+use crate::common::{device, generator, package_file};
 
 /// All scenarios of the package.
 fn scenarios() -> Vec<PathBuf> {

@@ -4,6 +4,7 @@
 use std::env;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
+use std::sync::Arc;
 
 use faer::{Mat, MatRef, Par};
 use rand::{RngExt, SeedableRng};
@@ -11,6 +12,7 @@ use rand_chacha::ChaCha8Rng;
 use serde_json::Value;
 
 use adagio::dictionary::{Ald, Dictionary, Parameters, WhenFull};
+use adagio::gpu::{Adapters, Gpu};
 use adagio::kernel::Kernel;
 use adagio::slow::{Link, Moments};
 
@@ -99,6 +101,20 @@ pub fn condition(dictionary: &Dictionary<f64>) -> f64 {
 /// A file of this package.
 pub fn package_file(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(name)
+}
+
+/// A graphics processor, or a driver in software (Mesa's) where there is none. Where there is neither, a test says so and checks
+/// nothing; `ADAGIO_REQUIRE_GPU=1` makes that a failure.
+pub fn device() -> Option<Arc<Gpu>> {
+    match Gpu::open(Adapters::Any) {
+        Ok(gpu) => Some(gpu),
+        Err(error) => {
+            let required = env::var("ADAGIO_REQUIRE_GPU").is_ok_and(|value| value == "1");
+            assert!(!required, "ADAGIO_REQUIRE_GPU is set: {error}");
+            eprintln!("nothing is checked: {error}");
+            None
+        }
+    }
 }
 
 /// Run the real program in a folder.

@@ -21,6 +21,17 @@ pub enum OverMemory {
     Shrink,
 }
 
+/// Who computes kernel values of many observations. They are the same, whoever does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Compute {
+    /// Whichever is faster on this machine.
+    Auto,
+    /// The processor.
+    Cpu,
+    /// A graphics processor, if there is one.
+    Gpu,
+}
+
 /// `[agent]`
 #[derive(Debug, Clone, PartialEq)]
 pub struct Agent {
@@ -34,6 +45,8 @@ pub struct Agent {
     pub queue: usize,
     /// Threads for each matrix product; results do not depend on them.
     pub threads: usize,
+    /// Who computes kernel values of many observations.
+    pub compute: Compute,
     /// Most memory that a run may need, GB; `None`: what the machine has.
     pub memory_gb: Option<f64>,
     /// What to do where a run would need more.
@@ -112,6 +125,12 @@ impl Agent {
                 1,
                 256,
                 "for each matrix product, of the stream and of the solvers beside it; results do not depend on it",
+            ),
+            compute: s.choice(
+                "compute",
+                0,
+                &[("auto", Compute::Auto), ("cpu", Compute::Cpu), ("gpu", Compute::Gpu)],
+                "who computes kernel values of the window; auto: a graphics processor, where that is faster; results do not depend on it",
             ),
             memory_gb: s.number_or_auto(
                 "memory_gb",

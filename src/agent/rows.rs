@@ -1,0 +1,171 @@
+//! Kernel values of many observations, by the processor or by a graphics processor: the same to the last bit.
+//!
+//! A device computes the products of observations with support vectors, and only where they are exact: whole numbers whose squared
+//! norms are below 2²⁴. Everything after them is computed here, in double precision, as it is without a device.
+
+use std::time::{Duration, Instant};
+
+use faer::{Mat, MatRef, Par};
+
+use crate::gpu::{Choice, Gpu, GpuError, Of, Pending, Rows, Tile};
+use crate::kernel::squared_norms;
+use crate::scenario::Compute;
+use crate::slow::{SlowError, SlowModel};
+
+/// Squared norms of whole numbers below this have exact products in single precision.
+const EXACT: f64 = 16_777_216.0;
+
+/// Who computes kernel values, chosen when the first ones are asked for.
+pub struct KernelRows {
+    setting: Compute,
+    device: Option<Rows>,
+    choice: Option<Choice>,
+}
+
+/// A part that a device is at.
+struct Begun {
+    x: Mat<f32>,
+    norms: Vec<f64>,
+    pending: Pending,
+}
+
+impl KernelRows {
+    /// As a scenario has it.
+    pub fn new(setting: Compute) -> Self {
+        KernelRows { setting, device: None, choice: None }
+    }
+
+    /// Who computes them, and why; `None` as long as there were none, or if nothing but the processor was asked for.
+    pub fn choice(&self) -> Option<Choice> {
+        self.choice.clone()
+    }
+
+    /// Hand the kernel values of parts of observations to `take`, in their order: `m × n` for a part of `d × n`.
+    ///
+    /// # Errors
+    /// Observations of another length than the support vectors, and what `take` refuses.
+    pub fn each(
+        &mut self,
+        model: &SlowModel<f32>,
+        parts: impl Iterator<Item = Mat<f32>>,
+        par: Par,
+        mut take: impl FnMut(Mat<f64>) -> Result<(), SlowError>,
+    ) -> Result<(), SlowError> {
+        let mut begun: Option<Begun> = None;
+        let mut holds = false;
+        for x in parts {
+            if self.choice.is_none() && self.setting != Compute::Cpu {
+                self.choose(model, x.as_ref(), par)?;
+            }
+            if !holds && let Some(device) = &mut self.device {
+                holds = true;
+                let held = device.hold(&model.members, model.norms());
+                self.note(held);
+            }
+            // The next part is begun before the last one is finished.
+            let next = self.begin(model, x);
+            if let Some(last) = begun.take() {
+                take(self.finish(model, last, par)?)?;
+            }
+            match next {
+                Ok(next) => begun = Some(next),
+                Err(x) => take(model.kernel_rows(x.as_ref(), par)?)?,
+            }
+        }
+        match begun {
+            Some(last) => take(self.finish(model, last, par)?),
+            None => Ok(()),
+        }
+    }
+
+    /// Have the device begin with a part; the part again, if it is not to.
+    fn begin(&mut self, model: &SlowModel<f32>, x: Mat<f32>) -> Result<Begun, Mat<f32>> {
+        let Some(device) = &mut self.device else { return Err(x) };
+        let norms = squared_norms(x.as_ref());
+        let fits = x.nrows() == model.members.nrows();
+        if !fits || !model.norms().iter().chain(&norms).all(|&norm| norm < EXACT) {
+            return Err(x);
+        }
+        match device.begin(x.as_ref(), &norms, Of::Products) {
+            Ok(pending) => Ok(Begun { x, norms, pending }),
+            Err(error) => {
+                self.note(Err(error));
+                Err(x)
+            }
+        }
+    }
+
+    fn finish(&mut self, model: &SlowModel<f32>, begun: Begun, par: Par) -> Result<Mat<f64>, SlowError> {
+        let Begun { x, norms, pending } = begun;
+        if let Some(device) = &self.device {
+            match device.finish(pending) {
+                Ok(products) => return Ok(model.kernel.matrix_of_products(&products, model.norms(), &norms)?),
+                Err(error) => self.note(Err(error)),
+            }
+        }
+        model.kernel_rows(x.as_ref(), par)
+    }
+
+    /// Do without the device after an error.
+    fn note(&mut self, result: Result<(), GpuError>) {
+        if let Err(error) = result {
+            self.device = None;
+            self.choice = Some(Choice { gpu: None, why: format!("{error}; the processor went on") });
+        }
+    }
+
+    fn choose(&mut self, model: &SlowModel<f32>, x: MatRef<'_, f32>, par: Par) -> Result<(), SlowError> {
+        let found = if self.setting == Compute::Gpu { Gpu::shared() } else { Gpu::shared_if_likely() };
+        let gpu = match found {
+            Ok(gpu) => gpu,
+            Err(error) => {
+                self.choice = Some(Choice { gpu: None, why: error.to_string() });
+                return Ok(());
+            }
+        };
+        let begin = Instant::now();
+        model.kernel_rows(x, par)?;
+        let by_processor = begin.elapsed();
+        let name = gpu.name().to_owned();
+        let tries = Tile::ALL.map(|tile| time(&gpu, tile, model, x));
+        let fastest = tries.into_iter().filter_map(Result::ok).min_by_key(|tried| tried.1);
+        let Some((device, by_device)) = fastest else {
+            let why = gpu.check().err().map_or_else(|| format!("{name} has no room"), |error| error.to_string());
+            self.choice = Some(Choice { gpu: None, why });
+            return Ok(());
+        };
+        let ms = |time: Duration| format!("{:.1} ms", 1e3 * time.as_secs_f64());
+        let (m, n) = (model.members.ncols(), x.ncols());
+        let times =
+            format!("{n} × {m} kernel values in {} on {name}, in {} on the processor", ms(by_device), ms(by_processor));
+        let (takes, why) = match self.setting {
+            Compute::Gpu => (true, format!("the scenario asks for it ({times})")),
+            _ => (by_device < by_processor, times),
+        };
+        self.choice = Some(Choice { gpu: takes.then_some(name), why });
+        self.device = takes.then_some(device);
+        Ok(())
+    }
+}
+
+/// A device with a model's support vectors, and the time that it takes for some observations, the second time.
+fn time(
+    gpu: &std::sync::Arc<Gpu>,
+    tile: Tile,
+    model: &SlowModel<f32>,
+    x: MatRef<'_, f32>,
+) -> Result<(Rows, Duration), GpuError> {
+    let mut device = Rows::new(gpu.clone(), x.nrows(), tile)?;
+    device.hold(&model.members, model.norms())?;
+    let norms = squared_norms(x);
+    let mut took = Duration::MAX;
+    for _ in 0..2 {
+        let begin = Instant::now();
+        let pending = device.begin(x, &norms, Of::Products)?;
+        let products = device.finish(pending)?;
+        // Shapes fit: they were made so.
+        let _ = model.kernel.matrix_of_products(&products, model.norms(), &norms);
+        took = took.min(begin.elapsed());
+    }
+    Ok((device, took))
+}

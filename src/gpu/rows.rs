@@ -1,0 +1,336 @@
+//! Kernel rows: products of observations with support vectors that stay on the device, and kernel values of them.
+
+use std::fmt::Write as _;
+use std::sync::{Arc, mpsc};
+
+use bytemuck::cast_slice;
+use faer::{Mat, MatRef};
+use wgpu::{
+    BindGroup, Buffer, BufferUsages, CommandEncoderDescriptor, ComputePassDescriptor, ComputePipeline, PollType,
+    SubmissionIndex,
+};
+
+use super::{Gpu, GpuError};
+use crate::kernel::{Form, Kernel};
+
+/// Values of a vector are brought into a group's memory so many at a time; vectors are padded to a multiple with zeros.
+const DEPTH: usize = 16;
+/// Threads of a group along each side.
+const SIDE: usize = 16;
+
+/// How the work is cut: a group computes a square of so many products, see `rows.wgsl`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Tile {
+    /// 64 × 64, 16 products for each thread.
+    Small,
+    /// 128 × 128, 64 products for each thread.
+    Large,
+}
+
+impl Tile {
+    /// Both.
+    pub const ALL: [Tile; 2] = [Tile::Small, Tile::Large];
+
+    fn edge(self) -> usize {
+        match self {
+            Tile::Small => 64,
+            Tile::Large => 128,
+        }
+    }
+
+    /// The shader, with its sums written out.
+    fn source(self) -> String {
+        let per = self.edge() / SIDE;
+        let (mut sums, mut products, mut stores) = (String::new(), String::new(), String::new());
+        for p in 0..per {
+            let _ = writeln!(products, "            let s{p} = of_vectors[s_at + {}u];", SIDE * p);
+            let _ = writeln!(products, "            let x{p} = of_observations[x_at + {}u];", SIDE * p);
+        }
+        for p in 0..per {
+            for q in 0..per {
+                let _ = writeln!(sums, "    var sum{p}_{q} = 0.0;");
+                let _ = writeln!(products, "            sum{p}_{q} = fma(s{p}, x{q}, sum{p}_{q});");
+                let (i, j) = (SIDE * p, SIDE * q);
+                let _ = writeln!(
+                    stores,
+                    "    store(sum{p}_{q}, first_vector + local.x + {i}u, first_observation + local.y + {j}u);"
+                );
+            }
+        }
+        let body = include_str!("rows.wgsl");
+        let body = body.replace("//SUMS//", &sums).replace("//PRODUCTS//", &products).replace("//STORES//", &stores);
+        format!("const TILE: u32 = {}u;\n{body}", self.edge())
+    }
+}
+
+/// What is computed of products.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Of {
+    /// The products themselves. Those of whole numbers are exact while all squared norms are below 2²⁴.
+    Products,
+    /// Values of a radial kernel, in single precision.
+    Values(Kernel),
+}
+
+/// Support vectors on a device.
+#[derive(Debug)]
+pub struct Rows {
+    gpu: Arc<Gpu>,
+    pipeline: ComputePipeline,
+    tile: Tile,
+    /// Values of a vector, with padding.
+    padded: usize,
+    /// The vectors as they are on the device, to see what is new.
+    held: Arc<Mat<f32>>,
+    /// Vectors for which there is room.
+    room: usize,
+    vectors: Buffer,
+    norms: Buffer,
+    blocks: [Option<Block>; 2],
+    turn: usize,
+}
+
+/// Room for a block of observations and what comes of it.
+#[derive(Debug)]
+struct Block {
+    /// Observations, and from one's results to the next one's.
+    count: usize,
+    stride: usize,
+    sizes: Buffer,
+    observations: Buffer,
+    norms: Buffer,
+    results: Buffer,
+    out: Buffer,
+    group: BindGroup,
+}
+
+/// A block that is being computed.
+#[derive(Debug)]
+pub struct Pending {
+    block: usize,
+    vectors: usize,
+    observations: usize,
+    submission: SubmissionIndex,
+    mapped: mpsc::Receiver<Result<(), wgpu::BufferAsyncError>>,
+}
+
+impl Rows {
+    /// No vectors yet; they will have `d` values.
+    ///
+    /// # Errors
+    /// A device that has failed.
+    pub fn new(gpu: Arc<Gpu>, d: usize, tile: Tile) -> Result<Self, GpuError> {
+        let device = gpu.device();
+        gpu.allow("buffers of a shader", 5, device.limits().max_storage_buffers_per_shader_stage.into())?;
+        let threads = device.limits().max_compute_invocations_per_workgroup;
+        gpu.allow("threads of a group", (SIDE * SIDE) as u64, threads.into())?;
+        let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
+            label: Some("rows"),
+            source: wgpu::ShaderSource::Wgsl(tile.source().into()),
+        });
+        let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some("rows"),
+            layout: None,
+            module: &module,
+            entry_point: Some("products"),
+            compilation_options: Default::default(),
+            cache: None,
+        });
+        let empty = || room(&gpu, 16, BufferUsages::STORAGE);
+        let (vectors, norms) = (empty(), empty());
+        gpu.check()?;
+        let (padded, blocks) = (d.next_multiple_of(DEPTH), [None, None]);
+        Ok(Rows { gpu, pipeline, tile, padded, held: Arc::new(Mat::new()), room: 0, vectors, norms, blocks, turn: 0 })
+    }
+
+    /// The device.
+    pub fn gpu(&self) -> &Arc<Gpu> {
+        &self.gpu
+    }
+
+    /// Have these vectors on the device, `d × m`, with their squared norms. Only those that are new are sent, behind the ones that
+    /// are the same.
+    ///
+    /// # Errors
+    /// More vectors than the device has room for, and a device that has failed.
+    ///
+    /// # Panics
+    /// If vectors have more than `d` values, or there is not a norm for each.
+    pub fn hold(&mut self, members: &Arc<Mat<f32>>, norms: &[f64]) -> Result<(), GpuError> {
+        assert!(
+            members.nrows() <= self.padded && norms.len() == members.ncols(),
+            "vectors of d values, each with a norm"
+        );
+        if Arc::ptr_eq(&self.held, members) {
+            return self.gpu.check();
+        }
+        let same = |&j: &usize| j < self.held.ncols() && self.held.col_as_slice(j) == members.col_as_slice(j);
+        let mut kept = (0..members.ncols()).take_while(same).count();
+        if members.ncols() > self.room {
+            // It doubles, so that growth does not send everything again each time.
+            let edge = self.tile.edge();
+            let wanted = members.ncols().max(2 * self.room).next_multiple_of(edge);
+            let limits = self.gpu.device().limits();
+            let most = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
+            let bytes = |vectors: usize| (4 * vectors * self.padded) as u64;
+            let wanted = if bytes(wanted) <= most { wanted } else { members.ncols().next_multiple_of(edge) };
+            self.gpu.allow("bytes of support vectors", bytes(wanted), most)?;
+            let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC;
+            let (vectors, of_norms) =
+                (room(&self.gpu, bytes(wanted), usage), room(&self.gpu, 4 * wanted as u64, usage));
+            if kept > 0 {
+                let mut encoder = self.gpu.device().create_command_encoder(&CommandEncoderDescriptor::default());
+                encoder.copy_buffer_to_buffer(&self.vectors, 0, &vectors, 0, bytes(kept));
+                encoder.copy_buffer_to_buffer(&self.norms, 0, &of_norms, 0, 4 * kept as u64);
+                self.gpu.queue().submit([encoder.finish()]);
+            }
+            (self.vectors, self.norms, self.room) = (vectors, of_norms, wanted);
+            // They stand for the vectors, too.
+            self.blocks = [None, None];
+        }
+        let queue = self.gpu.queue();
+        let new = members.as_ref().subcols(kept, members.ncols() - kept);
+        let of_norms: Vec<f32> = norms[kept..].iter().map(|&norm| norm as f32).collect();
+        queue.write_buffer(&self.norms, 4 * kept as u64, cast_slice(&of_norms));
+        for part in 0..new.ncols().div_ceil(SENT_AT_ONCE) {
+            let first = part * SENT_AT_ONCE;
+            let columns = new.subcols(first, SENT_AT_ONCE.min(new.ncols() - first));
+            queue.write_buffer(
+                &self.vectors,
+                (4 * kept * self.padded) as u64,
+                cast_slice(&self.padded_columns(columns)),
+            );
+            kept += columns.ncols();
+        }
+        self.held = members.clone();
+        self.gpu.check()
+    }
+
+    /// Have a block of observations computed, `d × n` with their squared norms, while something else is done. Two blocks may be
+    /// under way.
+    ///
+    /// # Errors
+    /// A block that the device has no room for, and a device that has failed.
+    ///
+    /// # Panics
+    /// If observations have more than `d` values, there is not a norm for each, or the kernel is not radial.
+    pub fn begin(&mut self, x: MatRef<'_, f32>, norms: &[f64], of: Of) -> Result<Pending, GpuError> {
+        assert!(x.nrows() <= self.padded && norms.len() == x.ncols(), "observations of d values, each with a norm");
+        self.turn = 1 - self.turn;
+        let (vectors, observations) = (self.held.ncols(), x.ncols());
+        let fits = |block: &Block| block.count >= observations && block.stride >= vectors;
+        if !self.blocks[self.turn].as_ref().is_some_and(fits) {
+            self.blocks[self.turn] = Some(self.block(observations)?);
+        }
+        let Some(block) = &self.blocks[self.turn] else { unreachable!("it was just made") };
+        let (kernel, scale, half) = match of {
+            Of::Products => (0, 1.0, 1.0),
+            Of::Values(kernel) => match kernel.into() {
+                Form::Radial { sigma, exponent } => (1, 2.0 * sigma * sigma, 0.5 * exponent),
+                other => panic!("a radial kernel, not {other:?}"),
+            },
+        };
+        let float = |number: f64| (number as f32).to_bits();
+        let sizes = [vectors, block.stride, observations, self.padded / 4].map(|size| size as u32);
+        let sizes = [&sizes[..], &[kernel, float(scale), float(half), 0]].concat();
+        let of_norms: Vec<f32> = norms.iter().map(|&norm| norm as f32).collect();
+        let (device, queue) = (self.gpu.device(), self.gpu.queue());
+        queue.write_buffer(&block.sizes, 0, cast_slice(&sizes));
+        queue.write_buffer(&block.norms, 0, cast_slice(&of_norms));
+        queue.write_buffer(&block.observations, 0, cast_slice(&self.padded_columns(x)));
+        let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor::default());
+        {
+            let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor::default());
+            pass.set_pipeline(&self.pipeline);
+            pass.set_bind_group(0, &block.group, &[]);
+            let groups = |count: usize| count.div_ceil(self.tile.edge()) as u32;
+            pass.dispatch_workgroups(groups(vectors), groups(observations), 1);
+        }
+        let bytes = (4 * block.stride * observations) as u64;
+        encoder.copy_buffer_to_buffer(&block.results, 0, &block.out, 0, bytes);
+        let submission = queue.submit([encoder.finish()]);
+        let (tell, mapped) = mpsc::channel();
+        // Nobody listens where an earlier part has failed.
+        block.out.slice(..bytes).map_async(wgpu::MapMode::Read, move |result| drop(tell.send(result)));
+        Ok(Pending { block: self.turn, vectors, observations, submission, mapped })
+    }
+
+    /// What came of a block: `m × n`.
+    ///
+    /// # Errors
+    /// A device that has failed.
+    pub fn finish(&self, pending: Pending) -> Result<Mat<f32>, GpuError> {
+        let Pending { block, vectors, observations, submission, mapped } = pending;
+        let failed = |cause: &dyn std::fmt::Display| self.gpu.failed(cause);
+        let until = PollType::Wait { submission_index: Some(submission), timeout: None };
+        self.gpu.device().poll(until).map_err(|cause| failed(&cause))?;
+        self.gpu.check()?;
+        mapped.recv().map_err(|cause| failed(&cause))?.map_err(|cause| failed(&cause))?;
+        let Some(block) = &self.blocks[block] else { return Err(self.gpu.failed("a block is gone")) };
+        let mut results = Mat::zeros(vectors, observations);
+        {
+            let bytes = block.out.slice(..(4 * block.stride * observations) as u64);
+            let bytes = bytes.get_mapped_range().map_err(|cause| failed(&cause))?;
+            let numbers: &[f32] = cast_slice(&bytes);
+            for j in 0..observations {
+                results.col_as_slice_mut(j).copy_from_slice(&numbers[j * block.stride..][..vectors]);
+            }
+        }
+        block.out.unmap();
+        Ok(results)
+    }
+
+    /// Most observations of a block, for so many vectors.
+    pub fn most_observations(&self, vectors: usize) -> usize {
+        let limits = self.gpu.device().limits();
+        let most = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size) / 4;
+        let edge = self.tile.edge() as u64;
+        let of_results = most / (vectors as u64).next_multiple_of(edge).max(1);
+        let of_groups = u64::from(limits.max_compute_workgroups_per_dimension) * edge;
+        (of_results.min(most / self.padded as u64).min(of_groups) / edge * edge) as usize
+    }
+
+    fn block(&self, observations: usize) -> Result<Block, GpuError> {
+        let (gpu, edge) = (&self.gpu, self.tile.edge());
+        let count = observations.next_multiple_of(edge);
+        let stride = self.held.ncols().next_multiple_of(edge);
+        let limits = gpu.device().limits();
+        let most = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
+        let [of_x, of_results] = [self.padded, stride].map(|each| (4 * count * each) as u64);
+        gpu.allow("bytes of a block", of_x.max(of_results), most)?;
+        let (storage, to, from) = (BufferUsages::STORAGE, BufferUsages::COPY_DST, BufferUsages::COPY_SRC);
+        let sizes = room(gpu, 32, BufferUsages::UNIFORM | to);
+        let observations = room(gpu, of_x, storage | to);
+        let norms = room(gpu, 4 * count as u64, storage | to);
+        let results = room(gpu, of_results, storage | from);
+        let out = room(gpu, of_results, BufferUsages::MAP_READ | to);
+        let bound = [&sizes, &self.vectors, &observations, &self.norms, &norms, &results];
+        let entry = |binding: usize| wgpu::BindGroupEntry {
+            binding: binding as u32,
+            resource: bound[binding].as_entire_binding(),
+        };
+        let group = gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("rows"),
+            layout: &self.pipeline.get_bind_group_layout(0),
+            entries: &[0, 1, 2, 3, 4, 5].map(entry),
+        });
+        gpu.check()?;
+        Ok(Block { count, stride, sizes, observations, norms, results, out, group })
+    }
+
+    /// Columns one after another, each with zeros behind it.
+    fn padded_columns(&self, x: MatRef<'_, f32>) -> Vec<f32> {
+        let mut values = vec![0.0; self.padded * x.ncols()];
+        for (to, column) in values.chunks_exact_mut(self.padded).zip(x.col_iter()) {
+            to.iter_mut().zip(column.iter()).for_each(|(to, &value)| *to = value);
+        }
+        values
+    }
+}
+
+/// Vectors that are sent at once: their copies take memory.
+const SENT_AT_ONCE: usize = 1024;
+
+fn room(gpu: &Gpu, size: u64, usage: BufferUsages) -> Buffer {
+    gpu.device().create_buffer(&wgpu::BufferDescriptor { label: Some("rows"), size, usage, mapped_at_creation: false })
+}
