@@ -36,6 +36,7 @@
 //! | [`policy`] | exploration, pursuit, reflexes, reference, optimum |
 //! | [`agent`] | the actors and their queues |
 //! | [`log`] | messages, CDR, writer, reader |
+//! | [`gpu`] | a graphics processor, where there is one |
 //! | [`parts`] | objects put away and made again, bit for bit |
 //! | [`replay`] | a recorded run once more; two runs side by side |
 //! | [`export`] | a recorded run as arrays for Python |

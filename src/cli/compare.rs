@@ -40,6 +40,13 @@ fn text(c: &Comparison, reports: [Option<serde_json::Value>; 2]) -> String {
             line(format!("  {key:<width$}  {}  →  {}", shown(a), shown(b)));
         }
     }
+    let by = reports.each_ref().map(|report| {
+        let of = |report: &serde_json::Value| report["computed_by"]["pictures"]["gpu"].as_str().map(str::to_owned);
+        report.as_ref().and_then(of).unwrap_or_else(|| "the processor".into())
+    });
+    if by[0] != by[1] {
+        line(format!("pictures of trials by {} and by {}: what they came to can only be close", by[0], by[1]));
+    }
     line(format!(
         "frames: {} and {}; models: {} and {}",
         Numbered(c.frames.0),

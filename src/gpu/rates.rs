@@ -3,7 +3,10 @@
 use std::sync::mpsc;
 use std::time::Instant;
 
-use wgpu::{BufferDescriptor, BufferUsages, CommandEncoderDescriptor, MapMode, PollType};
+use wgpu::{
+    BindGroupDescriptor, BindGroupEntry, BufferDescriptor, BufferUsages, CommandEncoderDescriptor,
+    ComputePassDescriptor, ComputePipelineDescriptor, MapMode, PollType, ShaderModuleDescriptor, ShaderSource,
+};
 
 use super::{Gpu, GpuError};
 
@@ -23,7 +26,60 @@ const COPIES: u64 = 16;
 /// The best of so many.
 const TRIES: usize = 5;
 
+/// Threads that sum and multiply, and how many rounds each of them does.
+const THREADS: u32 = 1 << 18;
+const ROUNDS: u32 = 2048;
+/// A round is eight sums and as many products, of four numbers.
+const OPERATIONS: u32 = 64;
+
 impl Gpu {
+    /// Operations per second in single precision at most, a multiplication or an addition being one.
+    ///
+    /// # Errors
+    /// A device that has failed.
+    pub fn single_precision_rate(&self) -> Result<f64, GpuError> {
+        let (device, queue) = (self.device(), self.queue());
+        // A driver in software takes its time.
+        let rounds = if self.is_software() { ROUNDS / 256 } else { ROUNDS };
+        let source = format!("const ROUNDS: u32 = {rounds}u;\n{}", include_str!("fma.wgsl"));
+        let module = device.create_shader_module(ShaderModuleDescriptor {
+            label: Some("fma"),
+            source: ShaderSource::Wgsl(source.into()),
+        });
+        let pipeline = device.create_compute_pipeline(&ComputePipelineDescriptor {
+            label: Some("fma"),
+            layout: None,
+            module: &module,
+            entry_point: Some("chains"),
+            compilation_options: Default::default(),
+            cache: None,
+        });
+        let (size, usage) = (u64::from(16 * THREADS), BufferUsages::STORAGE);
+        let results =
+            device.create_buffer(&BufferDescriptor { label: Some("fma"), size, usage, mapped_at_creation: false });
+        let group = device.create_bind_group(&BindGroupDescriptor {
+            label: Some("fma"),
+            layout: &pipeline.get_bind_group_layout(0),
+            entries: &[BindGroupEntry { binding: 0, resource: results.as_entire_binding() }],
+        });
+        let mut best = f64::INFINITY;
+        for _ in 0..TRIES {
+            let begin = Instant::now();
+            let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor::default());
+            {
+                let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor::default());
+                pass.set_pipeline(&pipeline);
+                pass.set_bind_group(0, &group, &[]);
+                pass.dispatch_workgroups(THREADS / 256, 1, 1);
+            }
+            queue.submit([encoder.finish()]);
+            device.poll(PollType::wait_indefinitely()).map_err(|cause| self.failed(cause))?;
+            best = best.min(begin.elapsed().as_secs_f64());
+        }
+        self.check()?;
+        Ok(f64::from(THREADS) * f64::from(rounds) * f64::from(OPERATIONS) / best)
+    }
+
     /// How fast the device copies.
     ///
     /// # Errors

@@ -2,12 +2,13 @@
 
 use std::fmt::Write as _;
 use std::sync::{Arc, mpsc};
+use std::time::Instant;
 
 use bytemuck::cast_slice;
 use faer::{Mat, MatRef};
 use wgpu::{
-    BindGroup, Buffer, BufferUsages, CommandEncoderDescriptor, ComputePassDescriptor, ComputePipeline, PollType,
-    SubmissionIndex,
+    BindGroup, Buffer, BufferUsages, CommandEncoder, CommandEncoderDescriptor, ComputePassDescriptor, ComputePipeline,
+    PollType, SubmissionIndex,
 };
 
 use super::{Gpu, GpuError};
@@ -239,13 +240,7 @@ impl Rows {
         queue.write_buffer(&block.norms, 0, cast_slice(&of_norms));
         queue.write_buffer(&block.observations, 0, cast_slice(&self.padded_columns(x)));
         let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor::default());
-        {
-            let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor::default());
-            pass.set_pipeline(&self.pipeline);
-            pass.set_bind_group(0, &block.group, &[]);
-            let groups = |count: usize| count.div_ceil(self.tile.edge()) as u32;
-            pass.dispatch_workgroups(groups(vectors), groups(observations), 1);
-        }
+        self.dispatch(&mut encoder, block, observations);
         let bytes = (4 * block.stride * observations) as u64;
         encoder.copy_buffer_to_buffer(&block.results, 0, &block.out, 0, bytes);
         let submission = queue.submit([encoder.finish()]);
@@ -253,6 +248,29 @@ impl Rows {
         // Nobody listens where an earlier part has failed.
         block.out.slice(..bytes).map_async(wgpu::MapMode::Read, move |result| drop(tell.send(result)));
         Ok(Pending { block: self.turn, vectors, observations, submission, mapped })
+    }
+
+    fn dispatch(&self, encoder: &mut CommandEncoder, block: &Block, observations: usize) {
+        let groups = |count: usize| count.div_ceil(self.tile.edge()) as u32;
+        let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor::default());
+        pass.set_pipeline(&self.pipeline);
+        pass.set_bind_group(0, &block.group, &[]);
+        pass.dispatch_workgroups(groups(self.held.ncols()), groups(observations), 1);
+    }
+
+    /// Seconds that the device takes for what was begun last, without sending and reading: of so many times, one after another.
+    ///
+    /// # Errors
+    /// A device that has failed; nothing was begun.
+    pub fn seconds_without_transfers(&self, observations: usize, times: usize) -> Result<f64, GpuError> {
+        let Some(block) = &self.blocks[self.turn] else { return Err(self.gpu.failed("nothing was begun")) };
+        let (device, begin) = (self.gpu.device(), Instant::now());
+        let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor::default());
+        (0..times).for_each(|_| self.dispatch(&mut encoder, block, observations.min(block.count)));
+        self.gpu.queue().submit([encoder.finish()]);
+        device.poll(PollType::wait_indefinitely()).map_err(|cause| self.gpu.failed(cause))?;
+        self.gpu.check()?;
+        Ok(begin.elapsed().as_secs_f64() / times as f64)
     }
 
     /// What came of a block: `m × n`.
