@@ -6,7 +6,6 @@
 
 use faer::{Mat, MatRef, Par};
 use nalgebra::Point2;
-use rayon::prelude::*;
 use serde::Serialize;
 
 use super::draw_pose;
@@ -16,7 +15,7 @@ use crate::random::stream;
 use crate::regression::{Bias, Folds, KernelGrid, RegressionError, Sums, ridge, select_kernel_ridge, select_ridge};
 use crate::scenario::Scenario;
 use crate::vision::observe;
-use crate::world::{Image, Pose, Sensor, World, wrap};
+use crate::world::{Pose, Sensor, World, wrap};
 
 /// Error of the pose that is read off the features, on poses that it was not learned from.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -43,8 +42,6 @@ const LAMBDAS: [f64; 7] = [1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2];
 const WIDTHS: [f64; 3] = [0.5, 1.0, 2.0];
 /// Support vectors of the kernel ridge regression at most.
 const SUPPORT_VECTORS: usize = 500;
-/// Poses that are looked from at once.
-const AT_ONCE: usize = 1024;
 /// Parts into which the poses are divided to choose.
 const FOLDS: usize = 4;
 
@@ -63,23 +60,13 @@ pub fn decode_pose(
     let cells: Vec<Point2<f64>> = world.plan.reachable_cells().collect();
     let poses: Vec<Pose> = (0..train + test).map(|_| draw_pose(&world.plan, &cells, &mut rng, |_| false)).collect();
     let frame = learned.asked_at + 1;
-    let later = |index: usize| (index * scenario.robot.frames_per_action) as u64;
-    let places: Vec<(Pose, u64)> = poses.iter().enumerate().map(|(index, pose)| (*pose, later(index))).collect();
-    let mut seen = Vec::with_capacity(poses.len());
-    let mut images = Vec::new();
-    for (part, places) in places.chunks(AT_ONCE).enumerate() {
-        images.resize_with(places.len(), Image::default);
-        let by_device = world.looks.render_by_device(frame, places, &mut images);
-        seen.par_extend(images.par_iter_mut().zip(places).enumerate().map(|(place, (image, &(pose, later)))| {
-            let index = part * AT_ONCE + place;
-            let noise = stream(seed, &format!("evaluate: camera of pose {index}"));
-            if !by_device {
-                world.looks.render_into(&pose, frame, later, image);
-            }
-            Sensor::new(scenario, scenario.robot.frame_seconds(), noise).expose(image, world.looks.light(frame));
-            observe(image, &scenario.vision, index as u64)
-        }));
-    }
+    let mut numbered: Vec<(usize, Pose)> = poses.iter().copied().enumerate().collect();
+    let place = |&(index, pose): &(usize, Pose)| (pose, (index * scenario.robot.frames_per_action) as u64);
+    let seen = world.looks.see_all(frame, &mut numbered, place, |&mut (index, _), image| {
+        let noise = stream(seed, &format!("evaluate: camera of pose {index}"));
+        Sensor::new(scenario, scenario.robot.frame_seconds(), noise).expose(image, world.looks.light(frame));
+        observe(image, &scenario.vision, index as u64)
+    });
     // Without the constant feature: regression has its own.
     let phi = learned.features(columns(seen.iter()).as_ref(), Par::Seq);
     let phi = phi.as_ref().subrows(1, phi.nrows() - 1);

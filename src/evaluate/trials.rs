@@ -13,7 +13,7 @@ use crate::policy::{Learned, Recent, Reflexes, columns, optimal_steps, reference
 use crate::random::{fix_parallelism, stream};
 use crate::scenario::{Happens, Scenario, Task};
 use crate::vision::{Observation, Observer, observe};
-use crate::world::{Action, Image, Pose, Robot, Sensor, World, in_goal};
+use crate::world::{Action, Pose, Robot, Sensor, World, in_goal};
 
 /// Trials begin this many frames later at most, as far as distractors go: each finds them somewhere else.
 const LATEST: u64 = 100_000;
@@ -296,21 +296,26 @@ impl Evaluator {
         choose: &(dyn Fn(&Situation<'_>) -> Action + Sync),
     ) -> Vec<Trial> {
         let mut trials = self.begin(course);
-        let mut images = Vec::new();
         for _ in 0..self.scenario.evaluate.max_steps {
             let mut active: Vec<&mut Trial> = trials.iter_mut().filter(|trial| !trial.arrived).collect();
             if active.is_empty() {
                 break;
             }
-            let by_device = frame.is_some_and(|frame| self.look_by_device(&mut active, frame, &mut images));
-            let judge = |image: &mut Image, trial: &mut &mut Trial| {
-                if let Some(frame) = frame.filter(|_| !by_device) {
-                    self.look(trial, image, frame);
-                }
-                let seen = frame.is_some().then_some(&trial.seen);
+            let judge = |trial: &Trial, sees: bool| {
+                let seen = sees.then_some(&trial.seen);
                 choose(&Situation { pose: &trial.robot.pose, seen, recent: trial.recent })
             };
-            let actions: Vec<Action> = active.par_iter_mut().map_init(Image::default, judge).collect();
+            let actions: Vec<Action> = match frame {
+                Some(frame) => {
+                    let place = |trial: &&mut Trial| (trial.robot.pose, self.later(trial));
+                    self.world.looks.see_all(frame, &mut active, place, |trial, image| {
+                        trial.sensor.expose(image, self.world.looks.light(frame));
+                        trial.observer.observe(image, &self.scenario.vision, &mut trial.seen.pixels);
+                        judge(trial, true)
+                    })
+                }
+                None => active.par_iter().map(|trial| judge(trial, false)).collect(),
+            };
             for (trial, action) in active.iter_mut().zip(actions) {
                 self.act(trial, action, &course.task);
             }
@@ -354,32 +359,9 @@ impl Evaluator {
         course.starts.iter().enumerate().map(begin).collect()
     }
 
-    /// What a robot sees from where it is, in place of what it saw before, in the world as it looks at a frame.
-    fn look(&self, trial: &mut Trial, image: &mut Image, frame: u64) {
-        self.world.looks.render_into(&trial.robot.pose, frame, self.later(trial), image);
-        self.expose(trial, image, frame);
-    }
-
-    /// The same for all robots at once, if there is a device that renders them: whether it did.
-    fn look_by_device(&self, trials: &mut [&mut Trial], frame: u64, images: &mut Vec<Image>) -> bool {
-        let poses: Vec<(Pose, u64)> = trials.iter().map(|trial| (trial.robot.pose, self.later(trial))).collect();
-        images.resize_with(poses.len(), Image::default);
-        let done = self.world.looks.render_by_device(frame, &poses, images);
-        if done {
-            let each = |(trial, image): (&mut &mut Trial, &mut Image)| self.expose(trial, image, frame);
-            trials.par_iter_mut().zip(images).for_each(each);
-        }
-        done
-    }
-
-    /// Frames by which distractors are ahead in a trial.
+    /// Frames by which distractors are ahead of the run's in a trial.
     fn later(&self, trial: &Trial) -> u64 {
         trial.later + (trial.actions.len() * self.scenario.robot.frames_per_action) as u64
-    }
-
-    fn expose(&self, trial: &mut Trial, image: &mut Image, frame: u64) {
-        trial.sensor.expose(image, self.world.looks.light(frame));
-        trial.observer.observe(image, &self.scenario.vision, &mut trial.seen.pixels);
     }
 
     fn act(&self, trial: &mut Trial, action: Action, task: &Task) {

@@ -137,7 +137,10 @@ impl Gpu {
     pub fn shared() -> Result<Arc<Self>, GpuError> {
         static SHARED: OnceLock<Result<Arc<Gpu>, GpuError>> = OnceLock::new();
         let adapters = || if allows_software() { Adapters::Any } else { Adapters::Hardware };
-        SHARED.get_or_init(|| Gpu::open(adapters())).clone()
+        // Drivers are other people's programs, of all kinds.
+        let open = || std::panic::catch_unwind(|| Gpu::open(adapters()));
+        let panicked = |_| Err(GpuError::Open { name: "the graphics driver".into(), cause: "it panicked".into() });
+        SHARED.get_or_init(|| open().unwrap_or_else(panicked)).clone()
     }
 
     /// As [`Gpu::shared`], without asking the drivers where the machine shows no device: they take memory, and may print.
@@ -156,6 +159,12 @@ impl Gpu {
     /// Whether it is a program on the processor: good for tests alone.
     pub fn is_software(&self) -> bool {
         self.software
+    }
+
+    /// Bytes of the largest buffer that a program on it can use.
+    pub fn largest_buffer(&self) -> u64 {
+        let limits = self.device.limits();
+        limits.max_storage_buffer_binding_size.min(limits.max_buffer_size)
     }
 
     pub(crate) fn device(&self) -> &Device {

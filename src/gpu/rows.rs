@@ -171,8 +171,7 @@ impl Rows {
             // It doubles, so that growth does not send everything again each time.
             let edge = self.tile.edge();
             let wanted = members.ncols().max(2 * self.room).next_multiple_of(edge);
-            let limits = self.gpu.device().limits();
-            let most = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
+            let most = self.gpu.largest_buffer();
             let bytes = |vectors: usize| (4 * vectors * self.padded) as u64;
             let wanted = if bytes(wanted) <= most { wanted } else { members.ncols().next_multiple_of(edge) };
             self.gpu.allow("bytes of support vectors", bytes(wanted), most)?;
@@ -298,24 +297,12 @@ impl Rows {
         Ok(results)
     }
 
-    /// Most observations of a block, for so many vectors.
-    pub fn most_observations(&self, vectors: usize) -> usize {
-        let limits = self.gpu.device().limits();
-        let most = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size) / 4;
-        let edge = self.tile.edge() as u64;
-        let of_results = most / (vectors as u64).next_multiple_of(edge).max(1);
-        let of_groups = u64::from(limits.max_compute_workgroups_per_dimension) * edge;
-        (of_results.min(most / self.padded as u64).min(of_groups) / edge * edge) as usize
-    }
-
     fn block(&self, observations: usize) -> Result<Block, GpuError> {
         let (gpu, edge) = (&self.gpu, self.tile.edge());
         let count = observations.next_multiple_of(edge);
         let stride = self.held.ncols().next_multiple_of(edge);
-        let limits = gpu.device().limits();
-        let most = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
         let [of_x, of_results] = [self.padded, stride].map(|each| (4 * count * each) as u64);
-        gpu.allow("bytes of a block", of_x.max(of_results), most)?;
+        gpu.allow("bytes of a block", of_x.max(of_results), gpu.largest_buffer())?;
         let (storage, to, from) = (BufferUsages::STORAGE, BufferUsages::COPY_DST, BufferUsages::COPY_SRC);
         let sizes = room(gpu, 32, BufferUsages::UNIFORM | to);
         let observations = room(gpu, of_x, storage | to);

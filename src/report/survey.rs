@@ -98,25 +98,13 @@ impl Survey {
         let places: Vec<[f64; 2]> = grid.points().collect();
         let inside: Vec<usize> = (0..places.len()).filter(|&i| world.plan.is_reachable(places[i].into())).collect();
         let shown = FEATURES.min(learned.model.slowness.len());
-        let look = |images: &mut Vec<Image>, block: &[usize]| -> Vec<Look> {
-            let headings = |&i: &usize| (0..HEADINGS).map(move |h| (i, h));
-            let poses: Vec<(Pose, u64)> =
-                block.iter().flat_map(headings).map(|(i, h)| (Pose::new(places[i].into(), angle(h)), 0)).collect();
-            images.resize_with(poses.len(), Image::default);
-            let by_device = seen_by.render_by_device(frame, &poses, images);
-            let seen: Vec<Observation> = images
-                .iter_mut()
-                .zip(&poses)
-                .map(|(image, (pose, _))| {
-                    if !by_device {
-                        seen_by.render_into(pose, frame, 0, image);
-                    }
-                    observe(image, &scenario.vision, 0)
-                })
-                .collect();
-            looks(learned, &seen, shown)
+        let look = |block: &[usize]| -> Vec<Look> {
+            let pose = |i: usize, h: usize| Pose::new(places[i].into(), angle(h));
+            let mut poses: Vec<Pose> = block.iter().flat_map(|&i| (0..HEADINGS).map(move |h| pose(i, h))).collect();
+            let observe = |_: &mut Pose, image: &mut Image| observe(image, &scenario.vision, 0);
+            looks(learned, &seen_by.see_all(frame, &mut poses, |&pose| (pose, 0), observe), shown)
         };
-        let looked: Vec<Vec<Look>> = inside.par_chunks(BLOCK).map_init(Vec::new, look).collect();
+        let looked: Vec<Vec<Look>> = inside.par_chunks(BLOCK).map(look).collect();
         let empty = || std::array::from_fn(|_| vec![f64::NAN; places.len()]);
         let tasks = learned.weights.len();
         let mut survey = Survey {

@@ -67,17 +67,23 @@ impl Batch {
         Some(chosen.by.lock().unwrap_or_else(PoisonError::into_inner).clone())
     }
 
+    /// Whether a device may be the better choice for so many views, as far as that is known.
+    pub fn considers(&self, views: usize) -> bool {
+        let enough = match self.setting {
+            Renderer::Cpu => false,
+            Renderer::Auto => views >= FEWEST,
+            Renderer::Gpu => true,
+        };
+        enough && self.by().is_none_or(|by| by.gpu.is_some())
+    }
+
     /// Render views by the device, if there is one and it is the better choice; whether it did.
     pub fn render(&self, number: usize, camera: &Arc<Camera>, eyes: &[Eye<'_>], images: &mut [Image]) -> bool {
-        let chosen = match self.setting {
-            Renderer::Cpu => return false,
-            Renderer::Auto if eyes.len() < FEWEST => return false,
-            Renderer::Auto => self.chosen.get_or_init(|| choose(camera, eyes)),
-            Renderer::Gpu => match self.prepare().and_then(|_| self.chosen.get()) {
-                Some(chosen) => chosen,
-                None => return false,
-            },
-        };
+        if !self.considers(eyes.len()) {
+            return false;
+        }
+        self.prepare();
+        let chosen = self.chosen.get_or_init(|| choose(camera, eyes));
         let Some(gpu) = &chosen.gpu else { return false };
         let mut views = chosen.views.lock().unwrap_or_else(PoisonError::into_inner);
         if self.by().is_some_and(|by| by.gpu.is_none()) {

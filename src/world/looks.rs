@@ -2,12 +2,17 @@
 
 use std::sync::Arc;
 
+use rayon::prelude::*;
+
 use super::batch::Batch;
 use super::distractors::{Distractor, Present};
 use super::views::Eye;
 use super::{Camera, Image, Pose};
 use crate::gpu::{Choice, Gpu};
 use crate::scenario::{Happens, Scenario};
+
+/// Views that a device is asked for at once: whole pictures of so many take 60 MB.
+const AT_ONCE: usize = 256;
 
 /// The looks of a scenario's world from its first frame to its last.
 #[derive(Debug)]
@@ -95,12 +100,42 @@ impl Looks {
         }
     }
 
-    /// What the camera sees from many poses at a frame, as [`Looks::render_into`] has it, if there is a device that is the better
-    /// choice for so many: whether it did. Otherwise each view is best rendered where it is needed.
+    /// Do something with what the camera sees at a frame from the place of each item, as [`Looks::render_into`] has it. The views
+    /// are rendered by a device, if there is one that is the better choice for so many; the rest is done on all threads.
+    pub fn see_all<T: Send, R: Send>(
+        &self,
+        frame: u64,
+        items: &mut [T],
+        place: impl Fn(&T) -> (Pose, u64) + Sync,
+        work: impl Fn(&mut T, &mut Image) -> R + Sync,
+    ) -> Vec<R> {
+        let look = |item: &mut T, image: &mut Image| {
+            let (pose, later) = place(item);
+            self.render_into(&pose, frame, later, image);
+            work(item, image)
+        };
+        if !self.batch.considers(items.len()) {
+            return items.par_iter_mut().map_init(Image::default, |image, item| look(item, image)).collect();
+        }
+        let (mut results, mut images) = (Vec::with_capacity(items.len()), Vec::new());
+        for part in items.chunks_mut(AT_ONCE) {
+            let poses: Vec<(Pose, u64)> = part.iter().map(&place).collect();
+            images.resize_with(part.len(), Image::default);
+            let done = self.render_by_device(frame, &poses, &mut images);
+            let pairs = part.par_iter_mut().zip(&mut images);
+            results.par_extend(pairs.map(|(item, image)| if done { work(item, image) } else { look(item, image) }));
+        }
+        results
+    }
+
+    /// Have a device render what is seen from many poses at a frame, if it is the better choice for so many: whether it did.
     ///
     /// # Panics
     /// If there are not as many images as poses.
     pub fn render_by_device(&self, frame: u64, poses: &[(Pose, u64)], images: &mut [Image]) -> bool {
+        if !self.batch.considers(poses.len()) {
+            return false;
+        }
         let distractors: Vec<Vec<Present>> = poses.iter().map(|&(_, later)| self.present(frame, later)).collect();
         let eyes: Vec<Eye<'_>> =
             poses.iter().zip(&distractors).map(|((pose, _), distractors)| Eye { pose, distractors }).collect();

@@ -117,6 +117,20 @@ fn a_device_that_is_lost_gives_an_error_and_nothing_else() {
     assert!(Rows::new(gpu, 16, Tile::Small).is_err());
 }
 
+#[test]
+fn more_than_a_device_has_room_for_is_refused_with_both_numbers() {
+    let Some(gpu) = device() else { return };
+    // Vectors so long that one tile of them is too large.
+    let d = (gpu.largest_buffer() / (4 * 64)) as usize + 1;
+    let mut rows = Rows::new(gpu.clone(), d, Tile::Small).unwrap();
+    let members = Arc::new(Mat::<f32>::zeros(d, 1));
+    let error = rows.hold(&members, &[0.0]).unwrap_err().to_string();
+    assert!(error.contains("bytes of support vectors") && error.contains(gpu.name()), "{error}");
+    assert!(error.ends_with(&format!("allows {}", gpu.largest_buffer())), "{error}");
+    // It is no failure of the device.
+    assert_eq!(gpu.check(), Ok(()));
+}
+
 /// Products by a device are exact, so that everything a run learns is the same to the last bit.
 #[test]
 fn a_run_on_a_device_has_the_digest_of_one_without() {

@@ -89,8 +89,7 @@ impl Views {
         let (device, scene) = (gpu.device(), Scene::new(&camera));
         let limits = device.limits();
         let texels: &[u8] = cast_slice(&scene.texels);
-        gpu.allow("bytes of textures", texels.len() as u64, limits.max_storage_buffer_binding_size)?;
-        gpu.allow("bytes of textures", texels.len() as u64, limits.max_buffer_size)?;
+        gpu.allow("bytes of textures", texels.len() as u64, gpu.largest_buffer())?;
         gpu.allow("buffers of a shader", 3, limits.max_storage_buffers_per_shader_stage.into())?;
         let size = camera.columns.len().max(camera.height) as u64;
         gpu.allow("pixels of a view's side", size, limits.max_texture_dimension_2d.into())?;
@@ -167,7 +166,7 @@ impl Views {
         let limits = self.gpu.device().limits();
         let side = limits.max_texture_dimension_2d as usize;
         let stride = 16 * Scene::view_words(distractors) as u64;
-        let of_words = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size) / stride;
+        let of_words = self.gpu.largest_buffer() / stride;
         let of_bytes = limits.max_buffer_size / 4;
         let pixels = (MOST_PIXELS as u64).min(of_bytes) as usize;
         let most = (pixels / (width * height)).min((side / width) * (side / height)).min(of_words as usize).max(1);
