@@ -213,11 +213,12 @@ impl Rows {
     /// A block that the device has no room for, and a device that has failed.
     ///
     /// # Panics
-    /// If observations have more than `d` values, there is not a norm for each, or the kernel is not radial.
+    /// If there are no vectors, observations have more than `d` values, there is not a norm for each, or the kernel is not radial.
     pub fn begin(&mut self, x: MatRef<'_, f32>, norms: &[f64], of: Of) -> Result<Pending, GpuError> {
         assert!(x.nrows() <= self.padded && norms.len() == x.ncols(), "observations of d values, each with a norm");
-        self.turn = 1 - self.turn;
         let (vectors, observations) = (self.held.ncols(), x.ncols());
+        assert!(vectors > 0, "vectors to multiply with");
+        self.turn = 1 - self.turn;
         let fits = |block: &Block| block.count >= observations && block.stride >= vectors;
         if !self.blocks[self.turn].as_ref().is_some_and(fits) {
             self.blocks[self.turn] = Some(self.block(observations)?);
