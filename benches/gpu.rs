@@ -106,7 +106,8 @@ fn rows(gpu: &Arc<Gpu>, tile: Tile, m: usize, single: f64) -> Result<(), GpuErro
         })
     };
     let values = compute(Of::Values(kernel), &|found| drop(std::hint::black_box(found)));
-    let here = |products: Mat<f32>| kernel.matrix_of_products(&products, &of_members, &of_x).expect("sizes that fit");
+    let here =
+        |products: Mat<f32>| kernel.matrix_of_products(&products, &of_members, &of_x, par).expect("sizes that fit");
     let finished_here = compute(Of::Products, &|products| drop(std::hint::black_box(here(products))));
     let features = compute(Of::Products, &|products| {
         drop(std::hint::black_box(model.apply_to_rows(here(products).as_ref(), par)));

@@ -20,6 +20,8 @@ pub struct KernelRows {
     setting: Compute,
     device: Option<Rows>,
     choice: Option<Choice>,
+    /// Support vectors when the processor was found to be faster: a device may be once there are many more.
+    slower_at: Option<usize>,
 }
 
 /// A part that a device is at.
@@ -32,7 +34,7 @@ struct Begun {
 impl KernelRows {
     /// As a scenario has it.
     pub fn new(setting: Compute) -> Self {
-        KernelRows { setting, device: None, choice: None }
+        KernelRows { setting, device: None, choice: None, slower_at: None }
     }
 
     /// Who computes them, and why; `None` as long as there were none, or if nothing but the processor was asked for.
@@ -54,7 +56,8 @@ impl KernelRows {
         let mut begun: Option<Begun> = None;
         let mut holds = false;
         for x in parts {
-            if self.choice.is_none() && self.setting != Compute::Cpu {
+            let grown = self.slower_at.is_some_and(|m| model.members.ncols() >= 2 * m);
+            if self.setting != Compute::Cpu && (self.choice.is_none() || grown) {
                 self.choose(model, x.as_ref(), par)?;
             }
             if !holds && let Some(device) = &mut self.device {
@@ -99,7 +102,7 @@ impl KernelRows {
         let Begun { x, norms, pending } = begun;
         if let Some(device) = &self.device {
             match device.finish(pending) {
-                Ok(products) => return Ok(model.kernel.matrix_of_products(&products, model.norms(), &norms)?),
+                Ok(products) => return Ok(model.kernel.matrix_of_products(&products, model.norms(), &norms, par)?),
                 Err(error) => self.note(Err(error)),
             }
         }
@@ -110,16 +113,17 @@ impl KernelRows {
     fn note(&mut self, result: Result<(), GpuError>) {
         if let Err(error) = result {
             self.device = None;
-            self.choice = Some(Choice { gpu: None, why: format!("{error}; the processor went on") });
+            self.choice.iter_mut().for_each(|choice| choice.failed = Some(error.to_string()));
         }
     }
 
     fn choose(&mut self, model: &SlowModel<f32>, x: MatRef<'_, f32>, par: Par) -> Result<(), SlowError> {
+        self.slower_at = None;
         let found = if self.setting == Compute::Gpu { Gpu::shared() } else { Gpu::shared_if_likely() };
         let gpu = match found {
             Ok(gpu) => gpu,
             Err(error) => {
-                self.choice = Some(Choice { gpu: None, why: error.to_string() });
+                self.choice = Some(Choice::processor(error.to_string()));
                 return Ok(());
             }
         };
@@ -127,11 +131,11 @@ impl KernelRows {
         model.kernel_rows(x, par)?;
         let by_processor = begin.elapsed();
         let name = gpu.name().to_owned();
-        let tries = Tile::ALL.map(|tile| time(&gpu, tile, model, x));
+        let tries = Tile::ALL.map(|tile| time(&gpu, tile, model, x, par));
         let fastest = tries.into_iter().filter_map(Result::ok).min_by_key(|tried| tried.1);
         let Some((device, by_device)) = fastest else {
             let why = gpu.check().err().map_or_else(|| format!("{name} has no room"), |error| error.to_string());
-            self.choice = Some(Choice { gpu: None, why });
+            self.choice = Some(Choice::processor(why));
             return Ok(());
         };
         let ms = |time: Duration| format!("{:.1} ms", 1e3 * time.as_secs_f64());
@@ -142,7 +146,8 @@ impl KernelRows {
             Compute::Gpu => (true, format!("the scenario asks for it ({times})")),
             _ => (by_device < by_processor, times),
         };
-        self.choice = Some(Choice { gpu: takes.then_some(name), why });
+        self.slower_at = (!takes).then_some(m);
+        self.choice = Some(if takes { Choice::device(&gpu, why) } else { Choice::processor(why) });
         self.device = takes.then_some(device);
         Ok(())
     }
@@ -154,6 +159,7 @@ fn time(
     tile: Tile,
     model: &SlowModel<f32>,
     x: MatRef<'_, f32>,
+    par: Par,
 ) -> Result<(Rows, Duration), GpuError> {
     let mut device = Rows::new(gpu.clone(), x.nrows(), tile)?;
     device.hold(&model.members, model.norms())?;
@@ -164,7 +170,7 @@ fn time(
         let pending = device.begin(x, &norms, Of::Products)?;
         let products = device.finish(pending)?;
         // Shapes fit: they were made so.
-        let _ = model.kernel.matrix_of_products(&products, model.norms(), &norms);
+        let _ = model.kernel.matrix_of_products(&products, model.norms(), &norms, par);
         took = took.min(begin.elapsed());
     }
     Ok((device, took))

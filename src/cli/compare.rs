@@ -45,7 +45,7 @@ fn text(c: &Comparison, reports: [Option<serde_json::Value>; 2]) -> String {
         report.as_ref().and_then(of).unwrap_or_else(|| "the processor".into())
     });
     if by[0] != by[1] {
-        line(format!("pictures of trials by {} and by {}: what they came to can only be close", by[0], by[1]));
+        line(format!("pictures by {} and by {}: what was seen and reached in them can only be close", by[0], by[1]));
     }
     line(format!(
         "frames: {} and {}; models: {} and {}",

@@ -123,10 +123,12 @@ impl Drive<'_> {
         let tasks = trials.iter().flatten().map(|(result, _)| result.clone()).collect();
         let kernel_values = outcome.kernel_values_by.clone();
         let computed_by = ComputedBy { pictures: world.looks.rendered_by(), kernel_values };
-        if let Some(by) = computed_by.kernel_values.as_ref().filter(|by| by.gpu.is_none())
-            && scenario.agent.compute == Compute::Gpu
-        {
-            eprintln!("warning: agent.compute is \"gpu\", and the processor computed: {}", by.why);
+        if let Some(by) = &computed_by.kernel_values {
+            if let Some(failed) = &by.failed {
+                eprintln!("warning: kernel values: {failed}; the processor went on");
+            } else if by.gpu.is_none() && scenario.agent.compute == Compute::Gpu {
+                eprintln!("warning: agent.compute is \"gpu\", and the processor computed: {}", by.why);
+            }
         }
         if no_device.is_none()
             && let Some(warning) = world.looks.missing_device()

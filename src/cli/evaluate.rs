@@ -27,7 +27,8 @@ pub fn evaluate(args: &EvaluateArgs) -> Ending {
         Ok(world) => Arc::new(world),
         Err(error) => return Ending::failed(error),
     };
-    if let Some(warning) = world.looks.prepare() {
+    let no_device = world.looks.prepare();
+    if let Some(warning) = &no_device {
         eprintln!("warning: {warning}");
     }
     let starts = args.starts.map_or(scenario.evaluate.starts, |starts| starts as usize);
@@ -36,6 +37,11 @@ pub fn evaluate(args: &EvaluateArgs) -> Ending {
     let pose_decode = decode_pose(&scenario, &world, &learned, seed)
         .inspect_err(|error| eprintln!("warning: the pose cannot be decoded: {error}"))
         .ok();
+    if no_device.is_none()
+        && let Some(warning) = world.looks.missing_device()
+    {
+        eprintln!("warning: {warning}");
+    }
     let result = Evaluation { tasks, pose_decode };
     if args.json {
         return print_json(&result);

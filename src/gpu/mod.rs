@@ -1,7 +1,7 @@
 //! A graphics processor: found, opened, and told apart from programs that only pretend to be one.
 //!
-//! What runs on it stands with what it computes: pictures of many views in [`world`](crate::world). Everything is optional: where there
-//! is no graphics processor, or where it fails, callers are told why, and go on without.
+//! Kernel rows are computed here ([`Rows`]); pictures of many views in [`world`](crate::world). Everything is optional: where there is no
+//! graphics processor, or where it fails, callers are told why, and go on without.
 
 mod rates;
 mod rows;
@@ -13,7 +13,10 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use serde::Serialize;
 use thiserror::Error;
-use wgpu::{Adapter, Backends, Device, DeviceDescriptor, DeviceType, Instance, InstanceDescriptor, Queue};
+use wgpu::{
+    Adapter, Backends, Device, DeviceDescriptor, DeviceType, DownlevelFlags, Instance, InstanceDescriptor, PollType,
+    Queue,
+};
 
 /// Why something is not done by a graphics processor.
 #[derive(Debug, Error, Clone, PartialEq, Eq)]
@@ -64,11 +67,31 @@ pub struct Choice {
     pub gpu: Option<String>,
     /// Why that one.
     pub why: String,
+    /// Why the graphics processor did not do it to the end, if it did not: the processor went on.
+    pub failed: Option<String>,
+}
+
+impl Choice {
+    /// The processor itself.
+    pub(crate) fn processor(why: String) -> Self {
+        Choice { gpu: None, why, failed: None }
+    }
+
+    /// A graphics processor.
+    pub(crate) fn device(gpu: &Gpu, why: String) -> Self {
+        Choice { gpu: Some(gpu.name.clone()), why, failed: None }
+    }
+
+    /// Whether a graphics processor does it, and has not failed.
+    pub fn is_device(&self) -> bool {
+        self.gpu.is_some() && self.failed.is_none()
+    }
 }
 
 impl std::fmt::Display for Choice {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "by {}: {}", self.gpu.as_deref().unwrap_or("the processor"), self.why)
+        write!(f, "by {}: {}", self.gpu.as_deref().unwrap_or("the processor"), self.why)?;
+        self.failed.iter().try_for_each(|failed| write!(f, "; {failed}, and the processor went on"))
     }
 }
 
@@ -88,6 +111,7 @@ pub struct Gpu {
     queue: Queue,
     name: String,
     software: bool,
+    abilities: DownlevelFlags,
     /// The first thing that went wrong.
     failure: Arc<Mutex<Option<String>>>,
 }
@@ -96,19 +120,28 @@ impl Gpu {
     /// Open the best adapter: one of its own memory before one that shares the processor's.
     ///
     /// # Errors
-    /// None that is allowed, or one that cannot be opened.
+    /// None that is allowed and can be opened.
     pub fn open(adapters: Adapters) -> Result<Arc<Self>, GpuError> {
         let instance = Instance::new(InstanceDescriptor::new_without_display_handle());
         let mut found = pollster::block_on(instance.enumerate_adapters(Backends::all()));
         found.sort_by_key(|adapter| rank(adapter.get_info().device_type));
-        let Some(adapter) = found.first() else { return Err(GpuError::None) };
-        let info = adapter.get_info();
-        let software = info.device_type == DeviceType::Cpu;
-        let name = format!("{} ({})", info.name, info.backend);
-        if software && adapters == Adapters::Hardware {
-            return Err(GpuError::Software(name));
+        let mut refused = GpuError::None;
+        for adapter in found {
+            let info = adapter.get_info();
+            let software = info.device_type == DeviceType::Cpu;
+            let name = format!("{} ({})", info.name, info.backend);
+            if software && adapters == Adapters::Hardware {
+                if refused == GpuError::None {
+                    refused = GpuError::Software(name);
+                }
+                continue;
+            }
+            match Self::of(&adapter, name, software) {
+                Ok(gpu) => return Ok(gpu),
+                Err(error) => refused = error,
+            }
         }
-        Self::of(adapter, name, software)
+        Err(refused)
     }
 
     fn of(adapter: &Adapter, name: String, software: bool) -> Result<Arc<Self>, GpuError> {
@@ -126,7 +159,8 @@ impl Gpu {
         device.set_device_lost_callback(move |_, cause| {
             note(&at_loss, format!("the device is lost: {}", one_line(&cause)))
         });
-        Ok(Arc::new(Gpu { device, queue, name, software, failure }))
+        let abilities = adapter.get_downlevel_capabilities().flags;
+        Ok(Arc::new(Gpu { device, queue, name, software, abilities, failure }))
     }
 
     /// The graphics processor of this machine, opened when it is first asked for. With the environment variable
@@ -151,7 +185,7 @@ impl Gpu {
         if allows_software() || shows_device() { Gpu::shared() } else { Err(GpuError::None) }
     }
 
-    /// The device's name and the interface to it.
+    /// The device's name, and through what it is driven (Vulkan, OpenGL, Metal, Direct3D 12).
     pub fn name(&self) -> &str {
         &self.name
     }
@@ -190,6 +224,29 @@ impl Gpu {
         GpuError::Failed { name: self.name.clone(), cause: cause.to_string() }
     }
 
+    /// Wait for the device.
+    pub(crate) fn wait(&self, until: PollType) -> Result<(), GpuError> {
+        // Where a device is lost while one waits for it, wgpu 30 panics.
+        let poll = std::panic::AssertUnwindSafe(|| self.device.poll(until));
+        let cause = match std::panic::catch_unwind(poll) {
+            Ok(Ok(_)) => return self.check(),
+            Ok(Err(cause)) => cause.to_string(),
+            Err(_) => "the device was lost while it was waited for".to_owned(),
+        };
+        self.note(cause);
+        self.check()
+    }
+
+    /// Keep what went wrong, if it is the first thing.
+    fn note(&self, cause: String) {
+        self.failure.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(cause);
+    }
+
+    /// Refuse a device that lacks an ability.
+    pub(crate) fn need(&self, what: &'static str, ability: DownlevelFlags) -> Result<(), GpuError> {
+        self.allow(what, 1, u64::from(self.abilities.contains(ability)))
+    }
+
     /// Refuse to need more than the device allows.
     pub(crate) fn allow(&self, what: &'static str, needed: u64, allowed: u64) -> Result<(), GpuError> {
         if needed > allowed {
@@ -201,7 +258,7 @@ impl Gpu {
     /// Take the device away, as a driver does that crashes: for tests of what happens then.
     pub fn lose(&self) {
         self.device.destroy();
-        self.failure.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert("the device was taken away".into());
+        self.note("the device was taken away".into());
     }
 }
 

@@ -28,7 +28,7 @@ const TRIES: usize = 5;
 
 /// Threads that sum and multiply, and how many rounds each of them does.
 const THREADS: u32 = 1 << 18;
-const ROUNDS: u32 = 2048;
+const ROUNDS: u32 = 1 << 15;
 /// A round is eight sums and as many products, of four numbers.
 const OPERATIONS: u32 = 64;
 
@@ -40,7 +40,7 @@ impl Gpu {
     pub fn single_precision_rate(&self) -> Result<f64, GpuError> {
         let (device, queue) = (self.device(), self.queue());
         // A driver in software takes its time.
-        let rounds = if self.is_software() { ROUNDS / 256 } else { ROUNDS };
+        let rounds = if self.is_software() { ROUNDS >> 12 } else { ROUNDS };
         let source = format!("const ROUNDS: u32 = {rounds}u;\n{}", include_str!("fma.wgsl"));
         let module = device.create_shader_module(ShaderModuleDescriptor {
             label: Some("fma"),
@@ -73,7 +73,7 @@ impl Gpu {
                 pass.dispatch_workgroups(THREADS / 256, 1, 1);
             }
             queue.submit([encoder.finish()]);
-            device.poll(PollType::wait_indefinitely()).map_err(|cause| self.failed(cause))?;
+            self.wait(PollType::wait_indefinitely())?;
             best = best.min(begin.elapsed().as_secs_f64());
         }
         self.check()?;
@@ -97,7 +97,7 @@ impl Gpu {
         let (copy_from, copy_to) = (BufferUsages::COPY_SRC, BufferUsages::COPY_DST);
         let (a, b, out) =
             (room(copy_from | copy_to), room(copy_from | copy_to), room(copy_to | BufferUsages::MAP_READ));
-        let wait = || device.poll(PollType::wait_indefinitely()).map_err(|cause| self.failed(cause));
+        let wait = || self.wait(PollType::wait_indefinitely());
         let (mut within, mut to_memory) = (f64::INFINITY, f64::INFINITY);
         let mut sum = 0u64;
         for _ in 0..TRIES {

@@ -8,7 +8,7 @@ use bytemuck::cast_slice;
 use faer::{Mat, MatRef};
 use wgpu::{
     BindGroup, Buffer, BufferUsages, CommandEncoder, CommandEncoderDescriptor, ComputePassDescriptor, ComputePipeline,
-    PollType, SubmissionIndex,
+    DownlevelFlags, PollType, SubmissionIndex,
 };
 
 use super::{Gpu, GpuError};
@@ -16,6 +16,8 @@ use crate::kernel::{Form, Kernel};
 
 /// Values of a vector are brought into a group's memory so many at a time; vectors are padded to a multiple with zeros.
 const DEPTH: usize = 16;
+/// A row of a group's memory is so much longer than a tile.
+const MARGIN: usize = 2;
 /// Threads of a group along each side.
 const SIDE: usize = 16;
 
@@ -60,7 +62,8 @@ impl Tile {
         }
         let body = include_str!("rows.wgsl");
         let body = body.replace("//SUMS//", &sums).replace("//PRODUCTS//", &products).replace("//STORES//", &stores);
-        format!("const TILE: u32 = {}u;\n{body}", self.edge())
+        let (tile, pitch) = (self.edge(), self.edge() + MARGIN);
+        format!("const TILE: u32 = {tile}u;\nconst DEPTH: u32 = {DEPTH}u;\nconst PITCH: u32 = {pitch}u;\n{body}")
     }
 }
 
@@ -125,6 +128,9 @@ impl Rows {
         gpu.allow("buffers of a shader", 5, device.limits().max_storage_buffers_per_shader_stage.into())?;
         let threads = device.limits().max_compute_invocations_per_workgroup;
         gpu.allow("threads of a group", (SIDE * SIDE) as u64, threads.into())?;
+        gpu.need("compute shaders", DownlevelFlags::COMPUTE_SHADERS)?;
+        let memory = (2 * 4 * DEPTH * (tile.edge() + MARGIN)) as u64;
+        gpu.allow("bytes of a group's memory", memory, device.limits().max_compute_workgroup_storage_size.into())?;
         let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
             label: Some("rows"),
             source: wgpu::ShaderSource::Wgsl(tile.source().into()),
@@ -200,6 +206,8 @@ impl Rows {
                 (4 * kept * self.padded) as u64,
                 cast_slice(&self.padded_columns(columns)),
             );
+            // What waits to be sent takes memory until something is submitted.
+            queue.submit(std::iter::empty());
             kept += columns.ncols();
         }
         self.held = members.clone();
@@ -268,8 +276,7 @@ impl Rows {
         let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor::default());
         (0..times).for_each(|_| self.dispatch(&mut encoder, block, observations.min(block.count)));
         self.gpu.queue().submit([encoder.finish()]);
-        device.poll(PollType::wait_indefinitely()).map_err(|cause| self.gpu.failed(cause))?;
-        self.gpu.check()?;
+        self.gpu.wait(PollType::wait_indefinitely())?;
         Ok(begin.elapsed().as_secs_f64() / times as f64)
     }
 
@@ -281,8 +288,7 @@ impl Rows {
         let Pending { block, vectors, observations, submission, mapped } = pending;
         let failed = |cause: &dyn std::fmt::Display| self.gpu.failed(cause);
         let until = PollType::Wait { submission_index: Some(submission), timeout: None };
-        self.gpu.device().poll(until).map_err(|cause| failed(&cause))?;
-        self.gpu.check()?;
+        self.gpu.wait(until)?;
         mapped.recv().map_err(|cause| failed(&cause))?.map_err(|cause| failed(&cause))?;
         let Some(block) = &self.blocks[block] else { return Err(self.gpu.failed("a block is gone")) };
         let mut results = Mat::zeros(vectors, observations);

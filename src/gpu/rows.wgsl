@@ -27,10 +27,7 @@ struct Sizes {
 @group(0) @binding(4) var<storage, read> observation_norms: array<f32>;
 @group(0) @binding(5) var<storage, read_write> results: array<f32>;
 
-const DEPTH: u32 = 16u;
-/// A little more than a tile, so that threads that write side by side do not write to the same bank.
-const PITCH: u32 = TILE + 4u;
-
+// A row of the group's memory is PITCH long, a little more than a tile: threads that write at once then write to different banks.
 var<workgroup> of_vectors: array<f32, DEPTH * PITCH>;
 var<workgroup> of_observations: array<f32, DEPTH * PITCH>;
 

@@ -73,6 +73,7 @@ impl Kernel {
         products: &Mat<T>,
         s_norms: &[f64],
         x_norms: &[f64],
+        par: Par,
     ) -> Result<Mat<f64>, KernelError> {
         let sizes = [
             ("the list of norms on the left", s_norms.len(), products.nrows()),
@@ -80,14 +81,14 @@ impl Kernel {
         ];
         refuse_other_sizes(sizes)?;
         let mut values = Mat::zeros(products.nrows(), products.ncols());
-        let tile = Tile { kernel: self, products, left: s_norms, right: x_norms, values: values.as_mut() };
-        Arch::new().dispatch(tile);
+        let products = products.as_ref();
+        Tile { kernel: self, products, left: s_norms, right: x_norms, values: values.as_mut() }.compute(par);
         Ok(values)
     }
 
     /// Kernel values from products, one column after the other.
     #[inline(always)]
-    fn values<T: Scalar>(&self, products: &Mat<T>, left: &[f64], right: &[f64], values: MatMut<'_, f64>) {
+    fn values<T: Scalar>(&self, products: MatRef<'_, T>, left: &[f64], right: &[f64], values: MatMut<'_, f64>) {
         match self.form() {
             Form::Linear => each(products, left, right, values, |product, _, _| product),
             Form::Polynomial { degree, offset } => {
@@ -142,7 +143,13 @@ fn fill<T: Scalar>(kernel: &Kernel, s: Side<'_, T>, x: Side<'_, T>, values: MatM
     if m.max(n) <= TILE {
         let mut products = Mat::<T>::zeros(m, n);
         matmul(products.as_mut(), Accum::Replace, s.x.transpose(), x.x, T::one_impl(), Par::Seq);
-        return Arch::new().dispatch(Tile { kernel, products: &products, left: s.norms, right: x.norms, values });
+        return Arch::new().dispatch(Tile {
+            kernel,
+            products: products.as_ref(),
+            left: s.norms,
+            right: x.norms,
+            values,
+        });
     }
     if m >= n {
         let half = near_half(m);
@@ -158,10 +165,30 @@ fn fill<T: Scalar>(kernel: &Kernel, s: Side<'_, T>, x: Side<'_, T>, values: MatM
 /// What runs on vectors: the widest that the machine has.
 struct Tile<'a, T: Scalar> {
     kernel: &'a Kernel,
-    products: &'a Mat<T>,
+    products: MatRef<'a, T>,
     left: &'a [f64],
     right: &'a [f64],
     values: MatMut<'a, f64>,
+}
+
+impl<T: Scalar> Tile<'_, T> {
+    /// On several threads: each entry is computed alone, so that where it is cut does not matter.
+    fn compute(self, par: Par) {
+        let n = self.right.len();
+        if n <= TILE / 8 {
+            return Arch::new().dispatch(self);
+        }
+        let half = near_half(n);
+        let (before, after) = self.products.split_at_col(half);
+        let (first, last) = self.right.split_at(half);
+        let (of_first, of_last) = self.values.split_at_col_mut(half);
+        let Tile { kernel, left, .. } = self;
+        join(
+            par,
+            |par| Tile { kernel, products: before, left, right: first, values: of_first }.compute(par),
+            |par| Tile { kernel, products: after, left, right: last, values: of_last }.compute(par),
+        );
+    }
 }
 
 impl<T: Scalar> NullaryFnOnce for Tile<'_, T> {
@@ -175,17 +202,19 @@ impl<T: Scalar> NullaryFnOnce for Tile<'_, T> {
 
 #[inline(always)]
 fn each<T: Scalar>(
-    products: &Mat<T>,
+    products: MatRef<'_, T>,
     left: &[f64],
     right: &[f64],
     mut values: MatMut<'_, f64>,
     value: impl Fn(f64, f64, f64) -> f64,
 ) {
     for (j, &right) in right.iter().enumerate() {
-        let Some(column) = values.as_mut().col_mut(j).try_as_col_major_mut() else {
-            unreachable!("a part of a matrix made here, whose columns are contiguous")
+        let (values, products) =
+            (values.as_mut().col_mut(j).try_as_col_major_mut(), products.col(j).try_as_col_major());
+        let (Some(column), Some(products)) = (values, products) else {
+            unreachable!("parts of matrices made here, whose columns are contiguous")
         };
-        for ((value_of, &product), &left) in column.as_slice_mut().iter_mut().zip(products.col_as_slice(j)).zip(left) {
+        for ((value_of, &product), &left) in column.as_slice_mut().iter_mut().zip(products.as_slice()).zip(left) {
             *value_of = value(product.into(), left, right);
         }
     }

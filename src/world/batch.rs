@@ -74,7 +74,7 @@ impl Batch {
             Renderer::Auto => views >= FEWEST,
             Renderer::Gpu => true,
         };
-        enough && self.by().is_none_or(|by| by.gpu.is_some())
+        enough && self.by().is_none_or(|by| by.is_device())
     }
 
     /// Render views by the device, if there is one and it is the better choice; whether it did.
@@ -86,14 +86,13 @@ impl Batch {
         let chosen = self.chosen.get_or_init(|| choose(camera, eyes));
         let Some(gpu) = &chosen.gpu else { return false };
         let mut views = chosen.views.lock().unwrap_or_else(PoisonError::into_inner);
-        if self.by().is_some_and(|by| by.gpu.is_none()) {
+        if self.by().is_some_and(|by| !by.is_device()) {
             return false;
         }
         let done = render(gpu, &mut views, number, camera, eyes, images);
         if let Err(error) = &done {
             views.clear();
-            let why = format!("{error}; the processor went on");
-            *chosen.by.lock().unwrap_or_else(PoisonError::into_inner) = Choice { gpu: None, why };
+            chosen.by.lock().unwrap_or_else(PoisonError::into_inner).failed = Some(error.to_string());
         }
         done.is_ok()
     }
@@ -118,12 +117,11 @@ fn choose(camera: &Arc<Camera>, eyes: &[Eye<'_>]) -> Chosen {
 
 impl Chosen {
     fn cpu(why: String) -> Self {
-        Chosen { by: Mutex::new(Choice { gpu: None, why }), gpu: None, views: Mutex::default() }
+        Chosen { by: Mutex::new(Choice::processor(why)), gpu: None, views: Mutex::default() }
     }
 
     fn gpu(gpu: Arc<Gpu>, why: String) -> Self {
-        let by = Mutex::new(Choice { gpu: Some(gpu.name().to_owned()), why });
-        Chosen { by, gpu: Some(gpu), views: Mutex::default() }
+        Chosen { by: Mutex::new(Choice::device(&gpu, why)), gpu: Some(gpu), views: Mutex::default() }
     }
 }
 
@@ -138,6 +136,10 @@ fn render(
     if views.len() <= number {
         views.resize_with(number + 1, || None);
     }
+    // The world rarely goes back to earlier looks.
+    views.iter_mut().enumerate().filter(|(i, _)| *i != number).for_each(|(_, other)| {
+        other.iter_mut().for_each(Views::rest);
+    });
     let of_camera = match &mut views[number] {
         Some(views) => views,
         none => none.insert(Views::new(gpu.clone(), camera.clone())?),

@@ -149,10 +149,16 @@ impl Looks {
         self.missing_device()
     }
 
-    /// A warning where a scenario asks for a device and the processor renders.
+    /// A warning where a device has failed, or a scenario asks for one and the processor renders.
     pub fn missing_device(&self) -> Option<String> {
-        let by = self.batch.by().filter(|by| self.batch.asks_for_device() && by.gpu.is_none())?;
-        Some(format!("world.renderer is \"gpu\", and the processor renders: {}", by.why))
+        let by = self.batch.by()?;
+        match by.failed {
+            Some(failed) => Some(format!("pictures: {failed}; the processor went on")),
+            None if self.batch.asks_for_device() && by.gpu.is_none() => {
+                Some(format!("world.renderer is \"gpu\", and the processor renders: {}", by.why))
+            }
+            None => None,
+        }
     }
 
     /// Who renders many views at once; `None` as long as there were none.

@@ -37,7 +37,7 @@ fn products_of_whole_numbers_are_exact_and_so_are_the_kernel_values_of_them() {
         assert!(of_s.iter().chain(&of_x).all(|&norm| norm < 16_777_216.0));
         let products = rows(&gpu, tile, &s, &x, Of::Products);
         let kernel = Kernel::gaussian(3000.0).unwrap();
-        let found = kernel.matrix_of_products(&products, &of_s, &of_x).unwrap();
+        let found = kernel.matrix_of_products(&products, &of_s, &of_x, Par::rayon(2)).unwrap();
         assert_eq!(found, kernel.matrix(s.as_ref().as_ref(), &of_s, x.as_ref(), &of_x, Par::Seq).unwrap(), "{tile:?}");
     }
 }
@@ -156,6 +156,11 @@ fn a_run_on_a_device_has_the_digest_of_one_without() {
     assert!(by_gpu["computed_by"]["kernel_values"]["gpu"].is_string(), "{}", by_gpu["computed_by"]);
     assert!(!warnings.contains("warning"), "{warnings}");
     assert_eq!(by_gpu["digest"], by_cpu["digest"]);
+    // By default the faster one computes, and both times are told.
+    let (by_default, _) = run("default", "auto", "1");
+    let why = by_default["computed_by"]["kernel_values"]["why"].as_str().unwrap();
+    assert!(why.contains("kernel values in") && why.contains("on the processor"), "{why}");
+    assert_eq!(by_default["digest"], by_cpu["digest"]);
     // Without a device the processor computes, and one warning says so.
     let (without, warnings) = run("without", "gpu", "0");
     assert!(without["computed_by"]["kernel_values"]["gpu"].is_null());

@@ -12,8 +12,9 @@ use std::sync::mpsc;
 use bytemuck::cast_slice;
 use wgpu::util::{BufferInitDescriptor, DeviceExt};
 use wgpu::{
-    BindGroup, BindGroupLayout, Buffer, BufferUsages, Color, CommandEncoderDescriptor, Extent3d, LoadOp, Operations,
-    PollType, RenderPipeline, StoreOp, SubmissionIndex, Texture, TextureFormat, TextureUsages, TextureView,
+    BindGroup, BindGroupLayout, Buffer, BufferUsages, Color, CommandEncoderDescriptor, DownlevelFlags, Extent3d,
+    LoadOp, Operations, PollType, RenderPipeline, StoreOp, SubmissionIndex, Texture, TextureFormat, TextureUsages,
+    TextureView,
 };
 
 use self::scene::{Scene, Words};
@@ -21,8 +22,11 @@ use super::distractors::Present;
 use super::{Camera, Image, Pose};
 use crate::gpu::{Gpu, GpuError};
 
-/// Pixels drawn at once, at most: 134 MB of colours, and as much again of depths.
+/// Pixels drawn at once, at most: 134 MB of colours, for each of two pictures here and on the device, and as much of depths.
 const MOST_PIXELS: usize = 1 << 25;
+
+/// Fewer views are not worth being drawn in two parts.
+const FEWEST_AT_ONCE: usize = 32;
 
 /// Rows of a picture that is copied begin at multiples of this, bytes.
 const ROW_BYTES: usize = wgpu::COPY_BYTES_PER_ROW_ALIGNMENT as usize;
@@ -90,6 +94,7 @@ impl Views {
         let limits = device.limits();
         let texels: &[u8] = cast_slice(&scene.texels);
         gpu.allow("bytes of textures", texels.len() as u64, gpu.largest_buffer())?;
+        gpu.need("buffers of corners", DownlevelFlags::VERTEX_STORAGE)?;
         gpu.allow("buffers of a shader", 3, limits.max_storage_buffers_per_shader_stage.into())?;
         let size = camera.columns.len().max(camera.height) as u64;
         gpu.allow("pixels of a view's side", size, limits.max_texture_dimension_2d.into())?;
@@ -160,6 +165,11 @@ impl Views {
         self.gpu.check()
     }
 
+    /// Give back the memory of the pictures, until there is something to render again.
+    pub fn rest(&mut self) {
+        self.pictures = None;
+    }
+
     /// Pictures with room for so many views, or as many as can be drawn at once.
     fn room_for(&mut self, views: usize, distractors: usize) -> Result<Pictures, GpuError> {
         let (width, height) = (self.camera.columns.len(), self.camera.height);
@@ -170,7 +180,8 @@ impl Views {
         let of_bytes = limits.max_buffer_size / 4;
         let pixels = (MOST_PIXELS as u64).min(of_bytes) as usize;
         let most = (pixels / (width * height)).min((side / width) * (side / height)).min(of_words as usize).max(1);
-        let capacity = views.next_power_of_two().min(most);
+        // Two parts at least, so that one is read while the other is drawn.
+        let capacity = views.div_ceil(2).next_power_of_two().max(FEWEST_AT_ONCE).min(most);
         match self.pictures.take() {
             Some(there) if there.capacity >= capacity && there.distractors == distractors => Ok(there),
             smaller => {
@@ -318,8 +329,7 @@ impl Views {
     fn read(&self, pictures: &Pictures, drawn: Pending, images: &mut [Image]) -> Result<(), GpuError> {
         let Pending { picture, first, count, submission, mapped } = drawn;
         let until = PollType::Wait { submission_index: Some(submission), timeout: None };
-        self.gpu.device().poll(until).map_err(|cause| self.gpu.failed(cause))?;
-        self.gpu.check()?;
+        self.gpu.wait(until)?;
         mapped.recv().map_err(|cause| self.gpu.failed(cause))?.map_err(|cause| self.gpu.failed(cause))?;
         let (width, height) = (self.camera.columns.len(), self.camera.height);
         let cropped = self.camera.crops();
