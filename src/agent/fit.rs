@@ -23,7 +23,8 @@ use crate::value::{
 use crate::vision::Observation;
 use crate::world::Action;
 
-/// Observations that are projected in one product: their products and kernel values take `12 · 512 · m` bytes.
+/// Observations that are projected in one product: their products and kernel values take `12 · 512 · m` bytes, and what a device is at
+/// twice as much again.
 const PROJECT_AT_ONCE: usize = 512;
 
 /// Values of all tasks from the window.

@@ -10,7 +10,7 @@ use serde::Serialize;
 use super::{Bench, ExperimentError};
 use crate::policy::{Recent, Reflexes, Walk};
 use crate::random::stream;
-use crate::scenario::{Scenario, Task};
+use crate::scenario::{Renderer, Scenario, Task};
 use crate::slow::Link;
 use crate::slow::theory::{Axis, OptimalResponses, TheoryError, plane_motion};
 use crate::vision::{Observer, ZERO};
@@ -109,7 +109,9 @@ impl Lab {
     }
 
     fn parse(text: &str, name: &str, sets: &[String]) -> Result<Self, ExperimentError> {
-        let scenario = Scenario::parse(text, Path::new(name), sets)?;
+        let mut scenario = Scenario::parse(text, Path::new(name), sets)?;
+        // Figures must not depend on which renderer was faster.
+        scenario.world.renderer = Renderer::Cpu;
         let world = Arc::new(World::new(&scenario)?);
         Ok(Lab { scenario: Arc::new(scenario), world })
     }
