@@ -116,7 +116,9 @@ fn rows(gpu: &Arc<Gpu>, tile: Tile, m: usize, single: f64) -> Result<(), GpuErro
         return Err(error);
     }
     let times = if gpu.is_software() { 1 } else { 20 };
-    let share = 2.0 * (D * m * N) as f64 / device.seconds_without_transfers(N, times)? / single;
+    let share = 2.0 * (D * m * N) as f64
+        / device.seconds_without_transfers(x.as_ref(), &of_x, Of::Values(kernel), times)?
+        / single;
     let by_processor = rate(N, || drop(std::hint::black_box(model.kernel_rows(x.as_ref(), par))));
     let features_by_processor = rate(N, || drop(std::hint::black_box(model.apply(x.as_ref(), par))));
     println!(

@@ -23,7 +23,7 @@ use crate::evaluate::{Evaluator, TaskResult, overlap};
 use crate::policy::Learned;
 use crate::scenario::Scenario;
 use crate::source::{Frame, Source};
-use crate::world::Action;
+use crate::world::{Action, Looks};
 
 /// How often the run's health goes into the log.
 const HEALTH_INTERVAL: Duration = Duration::from_secs(1);
@@ -310,8 +310,9 @@ fn curve_point(
 }
 
 /// The health actor: how the run is doing, once a second.
-pub fn watch_health(record: &Recorder, status: &Status, over: &AtomicBool) {
+pub fn watch_health(record: &Recorder, status: &Status, looks: &Looks, over: &AtomicBool) {
     let (mut last, mut frames) = (Instant::now(), 0);
+    let mut told = false;
     loop {
         std::thread::sleep(Duration::from_millis(20));
         // Once more at the end: it counts all that was dropped.
@@ -322,6 +323,13 @@ pub fn watch_health(record: &Recorder, status: &Status, over: &AtomicBool) {
         let now = status.snapshot();
         let rate = (now.frames - frames) as f64 / last.elapsed().as_secs_f64();
         (last, frames) = (Instant::now(), now.frames);
+        // From about here on pictures are another renderer's.
+        let failed = looks.rendered_by().and_then(|by| by.failed).filter(|_| !told);
+        if let Some(failed) = failed {
+            told = true;
+            let text = format!("pictures: {failed}; the processor goes on");
+            let _ = record.diagnostic(Level::Warn, now.stamp_ns, text);
+        }
         if record.health(&now, rate, resident_bytes().unwrap_or(0)).is_err() || ends {
             return;
         }

@@ -22,6 +22,8 @@ pub struct KernelRows {
     choice: Option<Choice>,
     /// Support vectors when the processor was found to be faster: a device may be once there are many more.
     slower_at: Option<usize>,
+    /// Whether the device was left out because products would not have been exact.
+    inexact: bool,
 }
 
 /// A part that a device is at.
@@ -34,12 +36,18 @@ struct Begun {
 impl KernelRows {
     /// As a scenario has it.
     pub fn new(setting: Compute) -> Self {
-        KernelRows { setting, device: None, choice: None, slower_at: None }
+        KernelRows { setting, device: None, choice: None, slower_at: None, inexact: false }
     }
 
     /// Who computes them, and why; `None` as long as there were none, or if nothing but the processor was asked for.
     pub fn choice(&self) -> Option<Choice> {
-        self.choice.clone()
+        let mut choice = self.choice.clone()?;
+        if self.inexact {
+            choice
+                .why
+                .push_str("; the processor for observations whose products single precision does not hold exactly");
+        }
+        Some(choice)
     }
 
     /// Hand the kernel values of parts of observations to `take`, in their order: `m × n` for a part of `d × n`.
@@ -85,8 +93,9 @@ impl KernelRows {
     fn begin(&mut self, model: &SlowModel<f32>, x: Mat<f32>) -> Result<Begun, Mat<f32>> {
         let Some(device) = &mut self.device else { return Err(x) };
         let norms = squared_norms(x.as_ref());
-        let fits = x.nrows() == model.members.nrows();
-        if !fits || !model.norms().iter().chain(&norms).all(|&norm| norm < EXACT) {
+        let exact = model.norms().iter().chain(&norms).all(|&norm| norm < EXACT);
+        self.inexact |= !exact;
+        if !exact || x.nrows() != model.members.nrows() {
             return Err(x);
         }
         match device.begin(x.as_ref(), &norms, Of::Products) {
@@ -174,4 +183,77 @@ fn time(
         took = took.min(begin.elapsed());
     }
     Ok((device, took))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gpu::Adapters;
+    use crate::kernel::Kernel;
+
+    /// A device, in software if need be (see `tests/common`).
+    fn device() -> Option<std::sync::Arc<Gpu>> {
+        match Gpu::open(Adapters::Any) {
+            Ok(gpu) => Some(gpu),
+            Err(error) => {
+                let required = std::env::var("ADAGIO_REQUIRE_GPU").is_ok_and(|value| value == "1");
+                assert!(!required, "ADAGIO_REQUIRE_GPU is set: {error}");
+                eprintln!("nothing is checked: {error}");
+                None
+            }
+        }
+    }
+
+    fn on(gpu: &std::sync::Arc<Gpu>, d: usize) -> KernelRows {
+        let device = Some(Rows::new(gpu.clone(), d, Tile::Small).unwrap());
+        let choice = Some(Choice::device(gpu, "a test".into()));
+        KernelRows { setting: Compute::Gpu, device, choice, slower_at: None, inexact: false }
+    }
+
+    fn model(d: usize, level: f32) -> SlowModel<f32> {
+        let members = Mat::from_fn(d, 5, |i, j| level + ((7 * i + 3 * j) % 11) as f32);
+        let projection = Mat::from_fn(5, 1, |i, _| i as f64);
+        SlowModel::from_parts(Kernel::gaussian(20.0).unwrap(), members, projection, vec![0.0], vec![1.0]).unwrap()
+    }
+
+    fn part(d: usize, number: usize) -> Mat<f32> {
+        Mat::from_fn(d, 3, |i, j| ((5 * i + 2 * j + number) % 13) as f32)
+    }
+
+    #[test]
+    fn a_device_that_fails_between_two_parts_changes_no_value() {
+        let Some(gpu) = device() else { return };
+        let (d, model) = (40, model(40, 0.0));
+        let mut rows = on(&gpu, d);
+        let mut found = Vec::new();
+        let keep = |part: Mat<f64>| {
+            found.push(part);
+            if found.len() == 2 {
+                gpu.lose();
+            }
+            Ok(())
+        };
+        rows.each(&model, (0..6).map(|number| part(d, number)), Par::Seq, keep).unwrap();
+        assert_eq!(found.len(), 6);
+        for (number, found) in found.iter().enumerate() {
+            assert_eq!(found, &model.kernel_rows(part(d, number).as_ref(), Par::Seq).unwrap(), "part {number}");
+        }
+        let choice = rows.choice().unwrap();
+        assert!(choice.gpu.is_some() && !choice.is_device() && rows.device.is_none(), "{choice:?}");
+    }
+
+    #[test]
+    fn what_a_device_cannot_count_exactly_stays_here_and_is_told() {
+        let Some(gpu) = device() else { return };
+        // 40 · 700² is beyond 2²⁴.
+        let (d, bright) = (40, model(40, 700.0));
+        let mut rows = on(&gpu, d);
+        let check = |found: Mat<f64>| {
+            assert_eq!(found, bright.kernel_rows(part(d, 0).as_ref(), Par::Seq).unwrap());
+            Ok(())
+        };
+        assert!(!rows.choice().unwrap().why.contains("exactly"));
+        rows.each(&bright, std::iter::once(part(d, 0)), Par::Seq, check).unwrap();
+        assert!(rows.choice().unwrap().why.contains("exactly"), "{:?}", rows.choice());
+    }
 }

@@ -324,7 +324,7 @@ pub(super) fn run_in_turns(
         } else {
             let (record, over) = (recorder.clone(), &over);
             health = Some(crew.start("health", move || {
-                loops::watch_health(&record, status, over);
+                loops::watch_health(&record, status, &world.looks, over);
                 Ok(())
             })?);
         }

@@ -150,11 +150,6 @@ impl Rows {
         Ok(Rows { gpu, pipeline, tile, padded, held: Arc::new(Mat::new()), room: 0, vectors, norms, blocks, turn: 0 })
     }
 
-    /// The device.
-    pub fn gpu(&self) -> &Arc<Gpu> {
-        &self.gpu
-    }
-
     /// Have these vectors on the device, `d × m`, with their squared norms. Only those that are new are sent, behind the ones that
     /// are the same.
     ///
@@ -266,15 +261,26 @@ impl Rows {
         pass.dispatch_workgroups(groups(self.held.ncols()), groups(observations), 1);
     }
 
-    /// Seconds that the device takes for what was begun last, without sending and reading: of so many times, one after another.
+    /// Seconds that the device takes for a block without sending and reading: of so many times, one after another.
     ///
     /// # Errors
-    /// A device that has failed; nothing was begun.
-    pub fn seconds_without_transfers(&self, observations: usize, times: usize) -> Result<f64, GpuError> {
-        let Some(block) = &self.blocks[self.turn] else { return Err(self.gpu.failed("nothing was begun")) };
-        let (device, begin) = (self.gpu.device(), Instant::now());
-        let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor::default());
-        (0..times).for_each(|_| self.dispatch(&mut encoder, block, observations.min(block.count)));
+    /// Those of [`Rows::begin`].
+    ///
+    /// # Panics
+    /// Those of [`Rows::begin`].
+    pub fn seconds_without_transfers(
+        &mut self,
+        x: MatRef<'_, f32>,
+        norms: &[f64],
+        of: Of,
+        times: usize,
+    ) -> Result<f64, GpuError> {
+        let pending = self.begin(x, norms, of)?;
+        self.finish(pending)?;
+        let Some(block) = &self.blocks[self.turn] else { unreachable!("it was just begun") };
+        let begin = Instant::now();
+        let mut encoder = self.gpu.device().create_command_encoder(&CommandEncoderDescriptor::default());
+        (0..times).for_each(|_| self.dispatch(&mut encoder, block, x.ncols()));
         self.gpu.queue().submit([encoder.finish()]);
         self.gpu.wait(PollType::wait_indefinitely())?;
         Ok(begin.elapsed().as_secs_f64() / times as f64)
