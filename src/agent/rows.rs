@@ -3,6 +3,7 @@
 //! A device computes the products of observations with support vectors, and only where they are exact: whole numbers whose squared
 //! norms are below 2²⁴. Everything after them is computed here, in double precision, as it is without a device.
 
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use faer::{Mat, MatRef, Par};
@@ -140,12 +141,18 @@ impl KernelRows {
         model.kernel_rows(x, par)?;
         let by_processor = begin.elapsed();
         let name = gpu.name().to_owned();
-        let tries = Tile::ALL.map(|tile| time(&gpu, tile, model, x, par));
-        let fastest = tries.into_iter().filter_map(Result::ok).min_by_key(|tried| tried.1);
-        let Some((device, by_device)) = fastest else {
-            let why = gpu.check().err().map_or_else(|| format!("{name} has no room"), |error| error.to_string());
-            self.choice = Some(Choice::processor(why));
-            return Ok(());
+        let faster = |a: Tried, b: Tried| match (&a, &b) {
+            (Ok((_, of_a)), Ok((_, of_b))) if of_b < of_a => b,
+            (Err(_), Ok(_)) => b,
+            _ => a,
+        };
+        let [small, large] = Tile::ALL.map(|tile| time(&gpu, tile, model, x, par));
+        let (device, by_device) = match faster(small, large) {
+            Ok(tried) => tried,
+            Err(error) => {
+                self.choice = Some(Choice::processor(error.to_string()));
+                return Ok(());
+            }
         };
         let ms = |time: Duration| format!("{:.1} ms", 1e3 * time.as_secs_f64());
         let (m, n) = (model.members.ncols(), x.ncols());
@@ -163,13 +170,9 @@ impl KernelRows {
 }
 
 /// A device with a model's support vectors, and the time that it takes for some observations, the second time.
-fn time(
-    gpu: &std::sync::Arc<Gpu>,
-    tile: Tile,
-    model: &SlowModel<f32>,
-    x: MatRef<'_, f32>,
-    par: Par,
-) -> Result<(Rows, Duration), GpuError> {
+type Tried = Result<(Rows, Duration), GpuError>;
+
+fn time(gpu: &Arc<Gpu>, tile: Tile, model: &SlowModel<f32>, x: MatRef<'_, f32>, par: Par) -> Tried {
     let mut device = Rows::new(gpu.clone(), x.nrows(), tile)?;
     device.hold(&model.members, model.norms())?;
     let norms = squared_norms(x);
@@ -188,23 +191,10 @@ fn time(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gpu::Adapters;
+    use crate::gpu::tests::device;
     use crate::kernel::Kernel;
 
-    /// A device, in software if need be (see `tests/common`).
-    fn device() -> Option<std::sync::Arc<Gpu>> {
-        match Gpu::open(Adapters::Any) {
-            Ok(gpu) => Some(gpu),
-            Err(error) => {
-                let required = std::env::var("ADAGIO_REQUIRE_GPU").is_ok_and(|value| value == "1");
-                assert!(!required, "ADAGIO_REQUIRE_GPU is set: {error}");
-                eprintln!("nothing is checked: {error}");
-                None
-            }
-        }
-    }
-
-    fn on(gpu: &std::sync::Arc<Gpu>, d: usize) -> KernelRows {
+    fn on(gpu: &Arc<Gpu>, d: usize) -> KernelRows {
         let device = Some(Rows::new(gpu.clone(), d, Tile::Small).unwrap());
         let choice = Some(Choice::device(gpu, "a test".into()));
         KernelRows { setting: Compute::Gpu, device, choice, slower_at: None, inexact: false }

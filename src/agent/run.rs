@@ -274,11 +274,22 @@ pub(super) fn run_in_turns(
             }
             Ok(clock)
         })?;
+        let record = recorder.clone();
         let fitter = crew.start("fit", move || {
             let mut clock = Clock::new();
+            // Who computes changes no number, and a log of actors that take turns says nothing of it.
+            let mut told = turns.is_some();
             while let Ok(item) = fit_in.take() {
                 let sent = match item {
-                    Item::Work(request) => updates_out.put(clock.time(|| fit.step(request))),
+                    Item::Work(request) => {
+                        let update = clock.time(|| fit.step(request));
+                        if let Some(failed) = fit.kernel_values_by().and_then(|by| by.failed).filter(|_| !told) {
+                            told = true;
+                            let text = format!("kernel values: {failed}; the processor goes on");
+                            let _ = record.diagnostic(Level::Warn, status.snapshot().stamp_ns, text);
+                        }
+                        updates_out.put(update)
+                    }
                     Item::Save(mark) => match mark.with("fit", &mut fit) {
                         Some(mark) => keep_out.put(Item::Save(mark)),
                         None => continue,

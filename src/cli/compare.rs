@@ -3,29 +3,66 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
+use serde::Serialize;
+use serde_json::Value;
+
 use super::{CompareArgs, Ending, print, print_json};
-use crate::replay::{self, Comparison, Recording};
+use crate::replay::{self, Comparison, Observations, Recording};
 use crate::report::Numbered;
 
-/// Say in what two runs differ: settings, models, policies.
+/// What `--json` prints.
+#[derive(Serialize)]
+struct Compared<'a> {
+    #[serde(flatten)]
+    comparison: &'a Comparison,
+    /// Who computed each of them, as in `report.json`; null where there is no report.
+    computed_by: [&'a Value; 2],
+}
+
+/// Say in what two runs differ: settings, observations, models, policies.
 pub fn compare(args: &CompareArgs) -> Ending {
     let (a, b) = match (Recording::open(&args.a), Recording::open(&args.b)) {
         (Ok(a), Ok(b)) => (a, b),
         (Err(error), _) | (_, Err(error)) => return Ending::failed(error),
     };
-    match replay::compare(&a, &b) {
-        Err(error) => Ending::failed(error),
-        Ok(comparison) if args.json => print_json(&comparison),
-        Ok(comparison) => print(&text(&comparison, [&args.a, &args.b].map(|run| report(run)))),
+    let comparison = match replay::compare(&a, &b) {
+        Err(error) => return Ending::failed(error),
+        Ok(comparison) => comparison,
+    };
+    let reports = [&args.a, &args.b].map(|run| report(run));
+    if args.json {
+        let computed_by = reports.each_ref().map(|report| &report["computed_by"]);
+        return print_json(&Compared { comparison: &comparison, computed_by });
+    }
+    print(&text(&comparison, &reports))
+}
+
+/// The report of a run; null if there is none.
+fn report(run: &Path) -> Value {
+    let text = std::fs::read_to_string(run.join("report.json")).ok();
+    text.and_then(|text| serde_json::from_str(&text).ok()).unwrap_or_default()
+}
+
+/// How close two runs' observations are.
+fn closeness(seen: &Observations, frames: (u64, u64)) -> String {
+    let Observations { frames: common, first_that_differs, share, largest } = seen;
+    let whole = *common == frames.0 && *common == frames.1;
+    let course = match (*common, whole) {
+        (0, _) => return "observations: none in common, the runs part at once".into(),
+        (_, true) => "in all frames".to_owned(),
+        (common, false) => format!("in the frames before the runs part ({})", Numbered(common)),
+    };
+    match first_that_differs {
+        None => format!("observations: the same {course}"),
+        Some(first) => format!(
+            "observations {course}: {:.4} % of the values differ by more than a grey level, by {largest} at most; the first \
+             difference is in frame {first}",
+            100.0 * share
+        ),
     }
 }
 
-/// What the report of a run says of its tasks, if there is a report.
-fn report(run: &Path) -> Option<serde_json::Value> {
-    serde_json::from_str(&std::fs::read_to_string(run.join("report.json")).ok()?).ok()
-}
-
-fn text(c: &Comparison, reports: [Option<serde_json::Value>; 2]) -> String {
+fn text(c: &Comparison, reports: &[Value; 2]) -> String {
     let mut out = String::new();
     let mut line = |text: String| {
         let _ = writeln!(out, "{text}");
@@ -40,12 +77,13 @@ fn text(c: &Comparison, reports: [Option<serde_json::Value>; 2]) -> String {
             line(format!("  {key:<width$}  {}  →  {}", shown(a), shown(b)));
         }
     }
-    let by = reports.each_ref().map(|report| {
-        let of = |report: &serde_json::Value| report["computed_by"]["pictures"]["gpu"].as_str().map(str::to_owned);
-        report.as_ref().and_then(of).unwrap_or_else(|| "the processor".into())
-    });
-    if by[0] != by[1] {
+    let by =
+        reports.each_ref().map(|report| report["computed_by"]["pictures"]["gpu"].as_str().unwrap_or("the processor"));
+    if reports.iter().all(|report| !report.is_null()) && by[0] != by[1] {
         line(format!("pictures by {} and by {}: what was seen and reached in them can only be close", by[0], by[1]));
+    }
+    if let Some(seen) = &c.observations {
+        line(closeness(seen, c.frames));
     }
     line(format!(
         "frames: {} and {}; models: {} and {}",
@@ -80,19 +118,17 @@ fn text(c: &Comparison, reports: [Option<serde_json::Value>; 2]) -> String {
             ));
         }
     }
-    if let [Some(a), Some(b)] = reports {
-        for (of_a, of_b) in a["tasks"].as_array().into_iter().flatten().zip(b["tasks"].as_array().into_iter().flatten())
-        {
-            let share = |task: &serde_json::Value, key: &str| task[key].as_f64().unwrap_or(f64::NAN);
-            line(format!(
-                "{}: success {:.1} % → {:.1} %, convergence quality {:.3} → {:.3}",
-                of_a["name"].as_str().unwrap_or("?"),
-                100.0 * share(of_a, "success"),
-                100.0 * share(of_b, "success"),
-                share(of_a, "convergence_quality"),
-                share(of_b, "convergence_quality")
-            ));
-        }
+    let [a, b] = reports.each_ref().map(|report| report["tasks"].as_array().into_iter().flatten());
+    for (of_a, of_b) in a.zip(b) {
+        let share = |task: &Value, key: &str| task[key].as_f64().unwrap_or(f64::NAN);
+        line(format!(
+            "{}: success {:.1} % → {:.1} %, convergence quality {:.3} → {:.3}",
+            of_a["name"].as_str().unwrap_or("?"),
+            100.0 * share(of_a, "success"),
+            100.0 * share(of_b, "success"),
+            share(of_a, "convergence_quality"),
+            share(of_b, "convergence_quality")
+        ));
     }
     out
 }

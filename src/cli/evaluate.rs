@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::{Ending, EvaluateArgs, folder, print, print_json};
 use crate::evaluate::{Evaluator, PoseDecode, TaskResult, decode_pose};
-use crate::report::tasks_table;
+use crate::report::{ComputedBy, tasks_table};
 use crate::world::World;
 
 /// What `--json` prints: the same keys as in `report.json`.
@@ -14,6 +14,7 @@ use crate::world::World;
 struct Evaluation {
     tasks: Vec<TaskResult>,
     pose_decode: Option<PoseDecode>,
+    computed_by: ComputedBy,
 }
 
 /// Try a run's policies from random starts in the run's own world.
@@ -42,7 +43,8 @@ pub fn evaluate(args: &EvaluateArgs) -> Ending {
     {
         eprintln!("warning: {warning}");
     }
-    let result = Evaluation { tasks, pose_decode };
+    let computed_by = ComputedBy { pictures: world.looks.rendered_by(), kernel_values: None };
+    let result = Evaluation { tasks, pose_decode, computed_by };
     if args.json {
         return print_json(&result);
     }

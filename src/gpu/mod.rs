@@ -14,8 +14,8 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use serde::Serialize;
 use thiserror::Error;
 use wgpu::{
-    Adapter, Backends, Device, DeviceDescriptor, DeviceType, DownlevelFlags, Instance, InstanceDescriptor, PollType,
-    Queue,
+    Adapter, Backends, Device, DeviceDescriptor, DeviceType, DownlevelFlags, ErrorFilter, Instance, InstanceDescriptor,
+    PollType, Queue,
 };
 
 /// Why something is not done by a graphics processor.
@@ -24,6 +24,11 @@ pub enum GpuError {
     /// There is none.
     #[error("there is no graphics processor with a driver")]
     None,
+    /// [`SETTING`] is `none`, or nothing that it may be.
+    #[error(
+        "{SETTING} is {0:?} (none: no graphics processor; hardware, as without it; software: drivers in software too)"
+    )]
+    Setting(String),
     /// There are only drivers that compute on the processor itself.
     #[error("{0} is no graphics processor: it computes on the processor, and slower than this program does")]
     Software(String),
@@ -47,7 +52,15 @@ pub enum GpuError {
         /// The device's name.
         name: String,
     },
-    /// It was lost, ran out of memory, or its driver reported an error: nothing that it gives is used any more.
+    /// Its driver does not do something, as too little memory is left: the rest may still go well.
+    #[error("{name} cannot do that: {cause}")]
+    Refused {
+        /// Its name.
+        name: String,
+        /// What the driver says.
+        cause: String,
+    },
+    /// It was lost, or its driver reported an error behind everybody's back: nothing that it gives is used any more.
     #[error("{name} has failed: {cause}")]
     Failed {
         /// Its name.
@@ -57,8 +70,9 @@ pub enum GpuError {
     },
 }
 
-/// Name of the environment variable that lets drivers in software be used as graphics processors are: for tests.
-pub const SOFTWARE: &str = "ADAGIO_SOFTWARE_GPU";
+/// Name of the environment variable that says which adapters this program may use: `none`, `hardware` (as without it), or
+/// `software`, drivers in software too, for tests.
+pub const SETTING: &str = "ADAGIO_GPU";
 
 /// Who computes something, and why.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -163,16 +177,14 @@ impl Gpu {
         Ok(Arc::new(Gpu { device, queue, name, software, abilities, failure }))
     }
 
-    /// The graphics processor of this machine, opened when it is first asked for. With the environment variable
-    /// [`SOFTWARE`] set to 1 a driver in software counts as one.
+    /// The graphics processor of this machine, opened when it is first asked for; see [`SETTING`] for what counts as one.
     ///
     /// # Errors
     /// There is none.
     pub fn shared() -> Result<Arc<Self>, GpuError> {
         static SHARED: OnceLock<Result<Arc<Gpu>, GpuError>> = OnceLock::new();
-        let adapters = || if allows_software() { Adapters::Any } else { Adapters::Hardware };
         // Drivers are other people's programs, of all kinds.
-        let open = || std::panic::catch_unwind(|| Gpu::open(adapters()));
+        let open = || std::panic::catch_unwind(|| Gpu::open(adapters()?));
         let panicked = |_| Err(GpuError::Open { name: "the graphics driver".into(), cause: "it panicked".into() });
         SHARED.get_or_init(|| open().unwrap_or_else(panicked)).clone()
     }
@@ -182,7 +194,7 @@ impl Gpu {
     /// # Errors
     /// There is none.
     pub fn shared_if_likely() -> Result<Arc<Self>, GpuError> {
-        if allows_software() || shows_device() { Gpu::shared() } else { Err(GpuError::None) }
+        if adapters()? == Adapters::Any || shows_device() { Gpu::shared() } else { Err(GpuError::None) }
     }
 
     /// The device's name, and through what it is driven (Vulkan, OpenGL, Metal, Direct3D 12).
@@ -224,6 +236,21 @@ impl Gpu {
         GpuError::Failed { name: self.name.clone(), cause: cause.to_string() }
     }
 
+    /// Do something with the device. An error of the driver in it, such as too little memory, is the error of that alone, where it
+    /// would otherwise end all use of the device.
+    pub(crate) fn within<T>(&self, work: impl FnOnce() -> Result<T, GpuError>) -> Result<T, GpuError> {
+        self.check()?;
+        let filters = [ErrorFilter::Validation, ErrorFilter::OutOfMemory, ErrorFilter::Internal];
+        let scopes = filters.map(|filter| self.device.push_error_scope(filter));
+        let done = work();
+        let errors = scopes.into_iter().rev().filter_map(|scope| pollster::block_on(scope.pop()));
+        let first = errors.fold(None, |first: Option<wgpu::Error>, error| first.or(Some(error)));
+        self.check()?;
+        let refused =
+            |error: wgpu::Error| GpuError::Refused { name: self.name.clone(), cause: one_line(&error.to_string()) };
+        first.map_or(done, |error| Err(refused(error)))
+    }
+
     /// Wait for the device.
     pub(crate) fn wait(&self, until: PollType) -> Result<(), GpuError> {
         // Where a device is lost while one waits for it, wgpu 30 panics.
@@ -262,8 +289,14 @@ impl Gpu {
     }
 }
 
-fn allows_software() -> bool {
-    std::env::var(SOFTWARE).is_ok_and(|value| value == "1")
+/// What [`SETTING`] allows.
+fn adapters() -> Result<Adapters, GpuError> {
+    match std::env::var_os(SETTING) {
+        None => Ok(Adapters::Hardware),
+        Some(value) if value == "hardware" => Ok(Adapters::Hardware),
+        Some(value) if value == "software" => Ok(Adapters::Any),
+        Some(other) => Err(GpuError::Setting(other.to_string_lossy().into_owned())),
+    }
 }
 
 /// Whether the machine shows a device that drivers could drive. Only Linux can be asked that easily.
@@ -287,4 +320,40 @@ fn rank(kind: DeviceType) -> usize {
 /// Messages of drivers have many lines.
 fn one_line(text: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    /// A device, in software if need be (see `tests/common`).
+    pub(crate) fn device() -> Option<Arc<Gpu>> {
+        match Gpu::open(Adapters::Any) {
+            Ok(gpu) => Some(gpu),
+            Err(error) => {
+                let required = std::env::var("ADAGIO_REQUIRE_GPU").is_ok_and(|value| value == "1");
+                assert!(!required, "ADAGIO_REQUIRE_GPU is set: {error}");
+                eprintln!("nothing is checked: {error}");
+                None
+            }
+        }
+    }
+
+    #[test]
+    fn what_a_driver_refuses_is_an_error_of_that_alone() {
+        let Some(gpu) = device() else { return };
+        let usage = wgpu::BufferUsages::STORAGE;
+        let buffer = |size| {
+            let description = wgpu::BufferDescriptor { label: None, size, usage, mapped_at_creation: false };
+            gpu.device().create_buffer(&description)
+        };
+        let room = |size| gpu.within(|| Ok(buffer(size).size()));
+        let error = room(1 << 60).unwrap_err().to_string();
+        assert!(error.starts_with(gpu.name()) && error.contains("cannot do that"), "{error}");
+        assert_eq!(gpu.check(), Ok(()));
+        assert_eq!(room(64), Ok(64));
+        // Outside of it an error ends all use.
+        buffer(1 << 60);
+        assert!(gpu.check().is_err() && room(64).is_err());
+    }
 }

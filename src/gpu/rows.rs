@@ -16,10 +16,12 @@ use crate::kernel::{Form, Kernel};
 
 /// Values of a vector are brought into a group's memory so many at a time; vectors are padded to a multiple with zeros.
 const DEPTH: usize = 16;
-/// A row of a group's memory is so much longer than a tile.
-const MARGIN: usize = 2;
-/// Threads of a group along each side.
-const SIDE: usize = 16;
+/// The innermost loop goes through so many of them in a step.
+const STEP: usize = 4;
+/// Threads of a group.
+const THREADS: usize = 256;
+/// Sums of a thread belong to four vectors and four observations in each square of so many.
+const SQUARE: usize = 64;
 
 /// How the work is cut: a group computes a square of so many products, see `rows.wgsl`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -41,29 +43,42 @@ impl Tile {
         }
     }
 
+    /// Fours of a line of a group's memory.
+    fn line(self) -> usize {
+        self.edge() / 4 + 1
+    }
+
     /// The shader, with its sums written out.
     fn source(self) -> String {
-        let per = self.edge() / SIDE;
+        let squares = self.edge() / SQUARE;
         let (mut sums, mut products, mut stores) = (String::new(), String::new(), String::new());
-        for p in 0..per {
-            let _ = writeln!(products, "            let s{p} = of_vectors[s_at + {}u];", SIDE * p);
-            let _ = writeln!(products, "            let x{p} = of_observations[x_at + {}u];", SIDE * p);
+        // Four vectors `p`, one observation, the `r`-th of four `q`.
+        let all = || {
+            let of_observations = move |p| (0..squares).flat_map(move |q| (0..4).map(move |r| (p, q, r)));
+            (0..squares).flat_map(of_observations)
+        };
+        for (p, q, r) in all() {
+            let _ = writeln!(sums, "    var sum{p}_{q}{r} = vec4f(0.0);");
+            let four = format!("(first_vector + {}u) / 4u + x", SQUARE * p);
+            let j = format!("first_observation + {}u + 4u * y", SQUARE * q + r);
+            let _ = writeln!(stores, "    store(sum{p}_{q}{r}, {four}, {j});");
         }
-        for p in 0..per {
-            for q in 0..per {
-                let _ = writeln!(sums, "    var sum{p}_{q} = 0.0;");
-                let _ = writeln!(products, "            sum{p}_{q} = fma(s{p}, x{q}, sum{p}_{q});");
-                let (i, j) = (SIDE * p, SIDE * q);
-                let _ = writeln!(
-                    stores,
-                    "    store(sum{p}_{q}, first_vector + local.x + {i}u, first_observation + local.y + {j}u);"
-                );
+        for k in 0..STEP {
+            for p in 0..squares {
+                let at = format!("(k + {k}u) * LINE + {}u", SQUARE / 4 * p);
+                let _ = writeln!(products, "            let s{k}_{p} = of_vectors[{at} + x];");
+                let _ = writeln!(products, "            let x{k}_{p} = of_observations[{at} + y];");
+            }
+            for (p, q, r) in all() {
+                let (sum, x) = (format!("sum{p}_{q}{r}"), format!("x{k}_{q}.{}", ["x", "y", "z", "w"][r]));
+                let _ = writeln!(products, "            {sum} = fma(s{k}_{p}, vec4f({x}), {sum});");
             }
         }
         let body = include_str!("rows.wgsl");
         let body = body.replace("//SUMS//", &sums).replace("//PRODUCTS//", &products).replace("//STORES//", &stores);
-        let (tile, pitch) = (self.edge(), self.edge() + MARGIN);
-        format!("const TILE: u32 = {tile}u;\nconst DEPTH: u32 = {DEPTH}u;\nconst PITCH: u32 = {pitch}u;\n{body}")
+        let sizes = [("TILE", self.edge()), ("DEPTH", DEPTH), ("LINE", self.line()), ("STEP", STEP)];
+        let sizes: String = sizes.iter().map(|(name, size)| format!("const {name}: u32 = {size}u;\n")).collect();
+        sizes + &body
     }
 }
 
@@ -127,25 +142,27 @@ impl Rows {
         let device = gpu.device();
         gpu.allow("buffers of a shader", 5, device.limits().max_storage_buffers_per_shader_stage.into())?;
         let threads = device.limits().max_compute_invocations_per_workgroup;
-        gpu.allow("threads of a group", (SIDE * SIDE) as u64, threads.into())?;
+        gpu.allow("threads of a group", THREADS as u64, threads.into())?;
         gpu.need("compute shaders", DownlevelFlags::COMPUTE_SHADERS)?;
-        let memory = (2 * 4 * DEPTH * (tile.edge() + MARGIN)) as u64;
+        let memory = (2 * 16 * DEPTH * tile.line()) as u64;
         gpu.allow("bytes of a group's memory", memory, device.limits().max_compute_workgroup_storage_size.into())?;
-        let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
-            label: Some("rows"),
-            source: wgpu::ShaderSource::Wgsl(tile.source().into()),
-        });
-        let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-            label: Some("rows"),
-            layout: None,
-            module: &module,
-            entry_point: Some("products"),
-            compilation_options: Default::default(),
-            cache: None,
-        });
-        let empty = || room(&gpu, 16, BufferUsages::STORAGE);
-        let (vectors, norms) = (empty(), empty());
-        gpu.check()?;
+        let make = || {
+            let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
+                label: Some("rows"),
+                source: wgpu::ShaderSource::Wgsl(tile.source().into()),
+            });
+            let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+                label: Some("rows"),
+                layout: None,
+                module: &module,
+                entry_point: Some("products"),
+                compilation_options: Default::default(),
+                cache: None,
+            });
+            let empty = || room(&gpu, 16, BufferUsages::STORAGE);
+            Ok((pipeline, empty(), empty()))
+        };
+        let (pipeline, vectors, norms) = gpu.within(make)?;
         let (padded, blocks) = (d.next_multiple_of(DEPTH), [None, None]);
         Ok(Rows { gpu, pipeline, tile, padded, held: Arc::new(Mat::new()), room: 0, vectors, norms, blocks, turn: 0 })
     }
@@ -166,6 +183,11 @@ impl Rows {
         if Arc::ptr_eq(&self.held, members) {
             return self.gpu.check();
         }
+        let gpu = self.gpu.clone();
+        gpu.within(|| self.send(members, norms))
+    }
+
+    fn send(&mut self, members: &Arc<Mat<f32>>, norms: &[f64]) -> Result<(), GpuError> {
         let same = |&j: &usize| j < self.held.ncols() && self.held.col_as_slice(j) == members.col_as_slice(j);
         let mut kept = (0..members.ncols()).take_while(same).count();
         if members.ncols() > self.room {
@@ -206,7 +228,7 @@ impl Rows {
             kept += columns.ncols();
         }
         self.held = members.clone();
-        self.gpu.check()
+        Ok(())
     }
 
     /// Have a block of observations computed, `d × n` with their squared norms, while something else is done. Two blocks may be
@@ -219,8 +241,13 @@ impl Rows {
     /// If there are no vectors, observations have more than `d` values, there is not a norm for each, or the kernel is not radial.
     pub fn begin(&mut self, x: MatRef<'_, f32>, norms: &[f64], of: Of) -> Result<Pending, GpuError> {
         assert!(x.nrows() <= self.padded && norms.len() == x.ncols(), "observations of d values, each with a norm");
+        assert!(self.held.ncols() > 0, "vectors to multiply with");
+        let gpu = self.gpu.clone();
+        gpu.within(|| self.submit(x, norms, of))
+    }
+
+    fn submit(&mut self, x: MatRef<'_, f32>, norms: &[f64], of: Of) -> Result<Pending, GpuError> {
         let (vectors, observations) = (self.held.ncols(), x.ncols());
-        assert!(vectors > 0, "vectors to multiply with");
         self.turn = 1 - self.turn;
         let fits = |block: &Block| block.count >= observations && block.stride >= vectors;
         if !self.blocks[self.turn].as_ref().is_some_and(fits) {
@@ -235,8 +262,8 @@ impl Rows {
             },
         };
         let float = |number: f64| (number as f32).to_bits();
-        let sizes = [vectors, block.stride, observations, self.padded / 4].map(|size| size as u32);
-        let sizes = [&sizes[..], &[kernel, float(scale), float(half), 0]].concat();
+        let sizes = [block.stride / 4, self.padded / 4].map(|size| size as u32);
+        let sizes = [&sizes[..], &[kernel, float(scale), float(half), 0, 0, 0]].concat();
         let of_norms: Vec<f32> = norms.iter().map(|&norm| norm as f32).collect();
         let (device, queue) = (self.gpu.device(), self.gpu.queue());
         queue.write_buffer(&block.sizes, 0, cast_slice(&sizes));
@@ -332,7 +359,6 @@ impl Rows {
             layout: &self.pipeline.get_bind_group_layout(0),
             entries: &[0, 1, 2, 3, 4, 5].map(entry),
         });
-        gpu.check()?;
         Ok(Block { count, stride, sizes, observations, norms, results, out, group })
     }
 

@@ -1,6 +1,7 @@
 //! What two runs have in common, and what not.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use serde::Serialize;
 use serde_json::Value;
@@ -8,6 +9,7 @@ use serde_json::Value;
 use super::{Recording, RecordingError};
 use crate::log::messages::{ModelUpdate, PolicyUpdate};
 use crate::log::{LogError, Record, topics};
+use crate::source::{Frame, Recorded, View};
 
 /// Two runs side by side.
 #[derive(Debug, Clone, Serialize)]
@@ -16,6 +18,8 @@ pub struct Comparison {
     pub settings: BTreeMap<String, (String, String)>,
     /// Frames of both runs.
     pub frames: (u64, u64),
+    /// What both saw; `None` if this version cannot read the scenario of one of them.
+    pub observations: Option<Observations>,
     /// Models of both runs.
     pub models: (usize, usize),
     /// Epoch of the first model whose digest differs, if one does; the models after it are not comparable.
@@ -24,6 +28,19 @@ pub struct Comparison {
     pub first_policy_that_differs: Option<(u32, String)>,
     /// Epoch by epoch, where both have one: support vectors and mean slowness.
     pub epochs: Vec<Epoch>,
+}
+
+/// What two runs saw while they took the same course: frames of the same number, of the same action, from the same true pose.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Observations {
+    /// Frames of the same course, from the beginning.
+    pub frames: u64,
+    /// Number of the first of them whose observations differ.
+    pub first_that_differs: Option<u64>,
+    /// Share of all their values that differ by more than one grey level.
+    pub share: f64,
+    /// The largest difference of two values, grey levels.
+    pub largest: u8,
 }
 
 /// One model of both runs.
@@ -65,11 +82,37 @@ pub fn compare(a: &Recording, b: &Recording) -> Result<Comparison, RecordingErro
     Ok(Comparison {
         settings: settings(a, b),
         frames: (a.frames, b.frames),
+        observations: observations(a, b),
         models: (of_a.models.len(), of_b.models.len()),
         first_model_that_differs: epochs.iter().find(|epoch| !epoch.equal).map(|epoch| epoch.epoch),
         first_policy_that_differs,
         epochs,
     })
+}
+
+fn observations(a: &Recording, b: &Recording) -> Option<Observations> {
+    let open = |run: &Recording| Some(Recorded::new(Arc::new(run.scenario(&[]).ok()?), run.records()));
+    let (mut a, mut b) = (open(a)?, open(b)?);
+    let course = |frame: &Frame| (frame.number, frame.action, frame.boundary.is_some(), frame.pose);
+    let mut found = Observations::default();
+    let (mut values, mut differ) = (0u64, 0u64);
+    while let (Some(of_a), Some(of_b)) = (a.take(), b.take()) {
+        let (View::Observation(seen), View::Observation(other)) = (&of_a.view, &of_b.view) else { break };
+        if course(&of_a) != course(&of_b) || seen.len() != other.len() {
+            break;
+        }
+        found.frames += 1;
+        values += seen.len() as u64;
+        if seen != other {
+            found.first_that_differs.get_or_insert(of_a.number);
+            for apart in seen.iter().zip(other).map(|(a, b)| a.abs_diff(*b)) {
+                found.largest = found.largest.max(apart);
+                differ += u64::from(apart > 1);
+            }
+        }
+    }
+    found.share = differ as f64 / values.max(1) as f64;
+    Some(found)
 }
 
 fn epoch(a: &ModelUpdate, b: &ModelUpdate) -> Epoch {

@@ -9,6 +9,6 @@ mod compare;
 mod recording;
 mod show;
 
-pub use compare::{Comparison, compare};
+pub use compare::{Comparison, Observations, compare};
 pub use recording::{Recording, RecordingError};
 pub use show::{ShownDifference, show};

@@ -146,6 +146,11 @@ impl Camera {
         self.settings.detail == Detail::Vision
     }
 
+    /// Pixels of an image.
+    pub(super) fn pixels(&self) -> usize {
+        self.columns.len() * self.height
+    }
+
     /// Mean RGB colour of each wall's surface, in the order of the scenario.
     pub fn wall_colours(&self) -> Vec<[u8; 3]> {
         self.walls.iter().map(|(_, texture)| texture.mean()).collect()

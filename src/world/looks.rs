@@ -11,8 +11,8 @@ use super::{Camera, Image, Pose};
 use crate::gpu::{Choice, Gpu};
 use crate::scenario::{Happens, Scenario};
 
-/// Views that a device is asked for at once: whole pictures of so many take 60 MB.
-const AT_ONCE: usize = 256;
+/// Pixels that a device is asked for at once, at most: 50 MB of pictures.
+const MOST_PIXELS: usize = 1 << 24;
 
 /// The looks of a scenario's world from its first frame to its last.
 #[derive(Debug)]
@@ -118,7 +118,8 @@ impl Looks {
             return items.par_iter_mut().map_init(Image::default, |image, item| look(item, image)).collect();
         }
         let (mut results, mut images) = (Vec::with_capacity(items.len()), Vec::new());
-        for part in items.chunks_mut(AT_ONCE) {
+        let camera = self.camera(frame);
+        for part in items.chunks_mut((MOST_PIXELS / camera.pixels()).max(1)) {
             let poses: Vec<(Pose, u64)> = part.iter().map(&place).collect();
             images.resize_with(part.len(), Image::default);
             let done = self.render_by_device(frame, &poses, &mut images);

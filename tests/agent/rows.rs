@@ -2,7 +2,6 @@
 //!
 //! See `tests/common` for the device that computes.
 
-use std::process::Command;
 use std::sync::Arc;
 
 use adagio::gpu::{Gpu, Of, Rows, Tile};
@@ -11,7 +10,7 @@ use faer::{Mat, Par};
 use proptest::prelude::*;
 use rand::RngExt;
 
-use crate::common::{device, generator, package_file, report, stderr};
+use crate::common::{adagio_on, device, generator, package_file, report, stderr};
 
 /// Observations as cameras give them: whole numbers, `d × n`, near each other in pairs.
 fn observations(d: usize, n: usize, seed: u64) -> Mat<f32> {
@@ -139,30 +138,26 @@ fn a_run_on_a_device_has_the_digest_of_one_without() {
     }
     let folder = tempfile::tempdir().unwrap();
     let smoke = package_file("scenarios/smoke.toml");
-    let run = |name: &str, compute: &str, software: &str| {
+    let run = |name: &str, compute: &str, allowed: &str| {
         let set = format!("agent.compute={compute}");
-        let output = Command::new(env!("CARGO_BIN_EXE_adagio"))
-            .args(["run", smoke.to_str().unwrap(), "--quiet", "--no-report", "--out", name, "--set", &set])
-            .current_dir(folder.path())
-            .env(adagio::gpu::SOFTWARE, software)
-            .output()
-            .unwrap();
+        let arguments = ["run", smoke.to_str().unwrap(), "--quiet", "--no-report", "--out", name, "--set", &set];
+        let output = adagio_on(allowed, folder.path(), &arguments);
         assert!(output.status.success(), "{}", stderr(&output));
         (report(&folder.path().join(name)), stderr(&output))
     };
-    let (by_cpu, _) = run("cpu", "cpu", "1");
+    let (by_cpu, _) = run("cpu", "cpu", "software");
     assert!(by_cpu["computed_by"]["kernel_values"].is_null());
-    let (by_gpu, warnings) = run("gpu", "gpu", "1");
+    let (by_gpu, warnings) = run("gpu", "gpu", "software");
     assert!(by_gpu["computed_by"]["kernel_values"]["gpu"].is_string(), "{}", by_gpu["computed_by"]);
     assert!(!warnings.contains("warning"), "{warnings}");
     assert_eq!(by_gpu["digest"], by_cpu["digest"]);
     // By default the faster one computes, and both times are told.
-    let (by_default, _) = run("default", "auto", "1");
+    let (by_default, _) = run("default", "auto", "software");
     let why = by_default["computed_by"]["kernel_values"]["why"].as_str().unwrap();
     assert!(why.contains("kernel values in") && why.contains("on the processor"), "{why}");
     assert_eq!(by_default["digest"], by_cpu["digest"]);
     // Without a device the processor computes, and one warning says so.
-    let (without, warnings) = run("without", "gpu", "0");
+    let (without, warnings) = run("without", "gpu", "none");
     assert!(without["computed_by"]["kernel_values"]["gpu"].is_null());
     assert_eq!(warnings.matches("warning: agent.compute is \"gpu\"").count(), 1, "{warnings}");
     assert_eq!(without["digest"], by_cpu["digest"]);

@@ -3,7 +3,6 @@
 //! See `tests/common` for the device that draws.
 
 use std::path::{Path, PathBuf};
-use std::process::Command;
 
 use adagio::scenario::{Change, Happens, Scenario};
 use adagio::vision::observe;
@@ -12,7 +11,7 @@ use nalgebra::{Point2, Vector2};
 use rand::RngExt;
 use serde_json::Value;
 
-use crate::common::{device, generator, package_file};
+use crate::common::{adagio_on, device, generator, package_file, stderr};
 
 /// All scenarios of the package.
 fn scenarios() -> Vec<PathBuf> {
@@ -144,16 +143,10 @@ fn a_device_that_is_lost_is_told_once_and_the_processor_goes_on() {
 }
 
 /// A run and its trials, with what is drawn by whom.
-fn drive(folder: &Path, arguments: &[&str], software: bool) -> (Value, String) {
-    let output = Command::new(env!("CARGO_BIN_EXE_adagio"))
-        .args(arguments)
-        .current_dir(folder)
-        .env(adagio::gpu::SOFTWARE, if software { "1" } else { "0" })
-        .output()
-        .unwrap();
-    let errors = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(output.status.success(), "{errors}");
-    (serde_json::from_slice(&output.stdout).unwrap(), errors)
+fn drive(folder: &Path, arguments: &[&str], gpu: &str) -> (Value, String) {
+    let output = adagio_on(gpu, folder, arguments);
+    assert!(output.status.success(), "{}", stderr(&output));
+    (serde_json::from_slice(&output.stdout).unwrap(), stderr(&output))
 }
 
 #[test]
@@ -167,7 +160,7 @@ fn a_policy_learned_on_one_renderer_works_on_the_other() {
         let set = format!("world.renderer={renderer}");
         let run = ["run", lab.to_str().unwrap(), "--seed", "21", "--actions", "1500", "--set", &set, "--out", name];
         let trials = ["--set", "evaluate.every=0", "--set", "evaluate.starts=200", "--no-report", "--json", "--quiet"];
-        drive(folder.path(), &[&run[..], &trials].concat(), true).0
+        drive(folder.path(), &[&run[..], &trials].concat(), "software").0
     };
     let success = |tasks: &Value| {
         let tasks = tasks["tasks"].as_array().unwrap();
@@ -176,16 +169,25 @@ fn a_policy_learned_on_one_renderer_works_on_the_other() {
     let (by_cpu, by_gpu) = (learn("cpu", "cpu"), learn("gpu", "gpu"));
     assert!(by_cpu["computed_by"]["pictures"].is_null());
     assert!(by_gpu["computed_by"]["pictures"]["gpu"].is_string(), "{}", by_gpu["computed_by"]);
+    // How close the two came is told.
+    let compared = adagio_on("none", folder.path(), &["compare", "cpu", "gpu", "--json"]);
+    let compared: Value = serde_json::from_slice(&compared.stdout).unwrap();
+    println!("{}", compared["observations"]);
+    assert!(compared["computed_by"][0]["pictures"].is_null());
+    assert_eq!(compared["computed_by"][1], by_gpu["computed_by"]);
+    assert!(compared["observations"]["frames"].as_u64().unwrap() > 100, "{}", compared["observations"]);
+    assert!(compared["observations"]["share"].as_f64().unwrap() <= 2e-4, "{}", compared["observations"]);
+    let said = adagio_on("none", folder.path(), &["compare", "cpu", "gpu"]);
+    assert!(String::from_utf8_lossy(&said.stdout).contains("can only be close"), "{said:?}");
     // The same policy in the other renderer's pictures: the scenario of the run asks for a device that is there, or is not.
-    let evaluate =
-        |run: &str, software| drive(folder.path(), &["evaluate", run, "--starts", "200", "--json"], software);
-    let (elsewhere, warning) = evaluate("gpu", false);
+    let evaluate = |run: &str, gpu| drive(folder.path(), &["evaluate", run, "--starts", "200", "--json"], gpu);
+    let (elsewhere, warning) = evaluate("gpu", "none");
     assert!(warning.contains("world.renderer is \"gpu\", and the processor renders"), "{warning}");
     let here = success(&by_gpu);
     assert!(here >= 0.9 && success(&elsewhere) >= here - 0.02, "{here} and {elsewhere}");
     let text = std::fs::read_to_string(folder.path().join("cpu/scenario.toml")).unwrap();
     std::fs::write(folder.path().join("cpu/scenario.toml"), text.replace("\"cpu\"", "\"gpu\"")).unwrap();
-    let (elsewhere, _) = evaluate("cpu", true);
+    let (elsewhere, _) = evaluate("cpu", "software");
     let here = success(&by_cpu);
     assert!(here >= 0.9 && success(&elsewhere) >= here - 0.02, "{here} and {elsewhere}");
 }

@@ -117,9 +117,15 @@ pub fn device() -> Option<Arc<Gpu>> {
     }
 }
 
-/// Run the real program in a folder.
+/// Run the real program in a folder. It uses no graphics processor, so that two runs do not differ by who was faster.
 pub fn adagio(folder: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_adagio")).current_dir(folder).args(arguments).output().unwrap()
+    adagio_on("none", folder, arguments)
+}
+
+/// Run the real program in a folder, on the graphics processors that [`adagio::gpu::SETTING`] allows.
+pub fn adagio_on(gpu: &str, folder: &Path, arguments: &[&str]) -> Output {
+    let mut program = Command::new(env!("CARGO_BIN_EXE_adagio"));
+    program.current_dir(folder).args(arguments).env(adagio::gpu::SETTING, gpu).output().unwrap()
 }
 
 pub fn stdout(output: &Output) -> String {

@@ -37,7 +37,7 @@ impl Scene {
         let corners: Vec<Vector2<f64>> = camera.panels.iter().map(|panel| panel.from.coords).collect();
         let origin = Point2::from(corners.iter().sum::<Vector2<f64>>() / corners.len().max(1) as f64);
         let mut words: Words =
-            camera.columns.iter().map(|column| bits([column.bearing, column.degrees, 0.0, 0.0])).collect();
+            camera.columns.iter().map(|column| bits([column.aside, column.bearing, column.degrees, 0.0])).collect();
         let panels = words.len() as u32;
         for panel in &camera.panels {
             let from = panel.from - origin;
