@@ -10,6 +10,7 @@ use super::{Recording, RecordingError};
 use crate::log::messages::{ModelUpdate, PolicyUpdate};
 use crate::log::{LogError, Record, topics};
 use crate::source::{Frame, Recorded, View};
+use crate::world::{Pose, wrap};
 
 /// Two runs side by side.
 #[derive(Debug, Clone, Serialize)]
@@ -58,6 +59,10 @@ pub struct Epoch {
     pub equal: bool,
 }
 
+/// Poses that are no farther apart are the same, metres and radians: a log holds headings as quaternions, and what was read from
+/// it and logged again is off by rounding.
+const SAME_POSE: f64 = 1e-9;
+
 struct Models {
     models: BTreeMap<u32, ModelUpdate>,
     policies: BTreeMap<(u32, String), String>,
@@ -93,12 +98,13 @@ pub fn compare(a: &Recording, b: &Recording) -> Result<Comparison, RecordingErro
 fn observations(a: &Recording, b: &Recording) -> Option<Observations> {
     let open = |run: &Recording| Some(Recorded::new(Arc::new(run.scenario(&[]).ok()?), run.records()));
     let (mut a, mut b) = (open(a)?, open(b)?);
-    let course = |frame: &Frame| (frame.number, frame.action, frame.boundary.is_some(), frame.pose);
+    let course = |frame: &Frame| (frame.number, frame.action, frame.boundary.is_some());
+    let apart = |a: &Pose, b: &Pose| (a.position - b.position).norm().max(wrap(a.heading - b.heading).abs());
     let mut found = Observations::default();
     let (mut values, mut differ) = (0u64, 0u64);
     while let (Some(of_a), Some(of_b)) = (a.take(), b.take()) {
         let (View::Observation(seen), View::Observation(other)) = (&of_a.view, &of_b.view) else { break };
-        if course(&of_a) != course(&of_b) || seen.len() != other.len() {
+        if course(&of_a) != course(&of_b) || seen.len() != other.len() || apart(&of_a.pose, &of_b.pose) > SAME_POSE {
             break;
         }
         found.frames += 1;
