@@ -29,7 +29,7 @@ struct Sizes {
 @group(0) @binding(4) var<storage, read> observation_norms: array<f32>;
 @group(0) @binding(5) var<storage, read_write> results: array<vec4f>;
 
-// A line, of one value of all, is LINE fours long, one more than a tile: threads that write at once then write to different banks.
+// A line, of one value of all, is LINE fours long, one more than a tile: fewer of the threads that write at once meet in a bank.
 var<workgroup> of_vectors: array<vec4f, DEPTH * LINE>;
 var<workgroup> of_observations: array<vec4f, DEPTH * LINE>;
 
@@ -58,24 +58,33 @@ fn products(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index
     let block = thread / 32u;
     let x = (block % 2u) * 8u + lane % 8u;
     let y = (block / 2u) * 4u + lane / 8u;
-    // What this thread brings: four values of every 64th vector and observation.
-    let brought = thread / 4u;
+    // What this thread brings: four values of four vectors, or of four observations. They are turned, so that whole fours are
+    // written; devices may write all four where only one is meant.
+    let four = (thread % TILE) / 4u;
     let quad = thread % 4u;
+    let to = quad * 4u * LINE + four;
 //SUMS//
     for (var begin = 0u; begin < sizes.quads; begin += DEPTH / 4u) {
-        for (var row = brought; row < TILE; row += 64u) {
-            let of_vector = vectors[(first_vector + row) * sizes.quads + begin + quad];
-            let of_observation = observations[(first_observation + row) * sizes.quads + begin + quad];
-            let at = quad * 4u * LINE + row / 4u;
-            let part = row % 4u;
-            of_vectors[at][part] = of_vector.x;
-            of_vectors[at + LINE][part] = of_vector.y;
-            of_vectors[at + 2u * LINE][part] = of_vector.z;
-            of_vectors[at + 3u * LINE][part] = of_vector.w;
-            of_observations[at][part] = of_observation.x;
-            of_observations[at + LINE][part] = of_observation.y;
-            of_observations[at + 2u * LINE][part] = of_observation.z;
-            of_observations[at + 3u * LINE][part] = of_observation.w;
+        if thread < TILE {
+            let at = (first_vector + 4u * four) * sizes.quads + begin + quad;
+            let second = at + sizes.quads;
+            let third = second + sizes.quads;
+            let turned = transpose(mat4x4f(vectors[at], vectors[second], vectors[third], vectors[third + sizes.quads]));
+            of_vectors[to] = turned[0];
+            of_vectors[to + LINE] = turned[1];
+            of_vectors[to + 2u * LINE] = turned[2];
+            of_vectors[to + 3u * LINE] = turned[3];
+        } else if thread < 2u * TILE {
+            let at = (first_observation + 4u * four) * sizes.quads + begin + quad;
+            let second = at + sizes.quads;
+            let third = second + sizes.quads;
+            let turned = transpose(
+                mat4x4f(observations[at], observations[second], observations[third], observations[third + sizes.quads])
+            );
+            of_observations[to] = turned[0];
+            of_observations[to + LINE] = turned[1];
+            of_observations[to + 2u * LINE] = turned[2];
+            of_observations[to + 3u * LINE] = turned[3];
         }
         workgroupBarrier();
         for (var k = 0u; k < DEPTH; k += STEP) {
