@@ -14,7 +14,7 @@ use adagio::gpu::{Adapters, Gpu, GpuError, Of, Rows, Tile};
 use adagio::kernel::{Kernel, squared_norms};
 use adagio::slow::SlowModel;
 use adagio::world::{Image, Looks, Pose, World};
-use faer::{Mat, Par};
+use faer::{Mat, MatRef, Par};
 use rayon::prelude::*;
 
 /// Width and height of a view.
@@ -96,18 +96,16 @@ fn rows(gpu: &Arc<Gpu>, tile: Tile, m: usize, single: f64) -> Result<(), GpuErro
     let mut device = Rows::new(gpu.clone(), D, tile)?;
     device.hold(&members, &of_members)?;
     let mut failure = None;
-    let mut compute = |of: Of, then: &dyn Fn(Mat<f32>)| {
+    let mut compute = |of: Of, then: &dyn Fn(MatRef<'_, f32>)| {
         rate(N, || {
-            let found = device.begin(x.as_ref(), &of_x, of).and_then(|begun| device.finish(begun));
-            match found {
-                Ok(found) => then(found),
-                Err(error) => failure = Some(error),
-            }
+            let begun = device.begin(x.as_ref(), &of_x, of);
+            failure = begun.and_then(|begun| device.finish_with(begun, then)).err().or(failure.take());
         })
     };
-    let values = compute(Of::Values(kernel), &|found| drop(std::hint::black_box(found)));
-    let here =
-        |products: Mat<f32>| kernel.matrix_of_products(&products, &of_members, &of_x, par).expect("sizes that fit");
+    let values = compute(Of::Values(kernel), &|found| drop(std::hint::black_box(found.to_owned())));
+    let here = |products: MatRef<'_, f32>| {
+        kernel.matrix_of_products(products, &of_members, &of_x, par).expect("sizes that fit")
+    };
     let finished_here = compute(Of::Products, &|products| drop(std::hint::black_box(here(products))));
     let features = compute(Of::Products, &|products| {
         drop(std::hint::black_box(model.apply_to_rows(here(products).as_ref(), par)));

@@ -111,8 +111,10 @@ impl KernelRows {
     fn finish(&mut self, model: &SlowModel<f32>, begun: Begun, par: Par) -> Result<Mat<f64>, SlowError> {
         let Begun { x, norms, pending } = begun;
         if let Some(device) = &self.device {
-            match device.finish(pending) {
-                Ok(products) => return Ok(model.kernel.matrix_of_products(&products, model.norms(), &norms, par)?),
+            let values =
+                |products: MatRef<'_, f32>| model.kernel.matrix_of_products(products, model.norms(), &norms, par);
+            match device.finish_with(pending, values) {
+                Ok(values) => return Ok(values?),
                 Err(error) => self.note(Err(error)),
             }
         }
@@ -180,9 +182,9 @@ fn time(gpu: &Arc<Gpu>, tile: Tile, model: &SlowModel<f32>, x: MatRef<'_, f32>, 
     for _ in 0..2 {
         let begin = Instant::now();
         let pending = device.begin(x, &norms, Of::Products)?;
-        let products = device.finish(pending)?;
         // Shapes fit: they were made so.
-        let _ = model.kernel.matrix_of_products(&products, model.norms(), &norms, par);
+        let _ = device
+            .finish_with(pending, |products| model.kernel.matrix_of_products(products, model.norms(), &norms, par))?;
         took = took.min(begin.elapsed());
     }
     Ok((device, took))

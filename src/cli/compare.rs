@@ -44,20 +44,22 @@ fn report(run: &Path) -> Value {
 }
 
 /// How close two runs' observations are.
-fn closeness(seen: &Observations, frames: (u64, u64)) -> String {
-    let Observations { frames: common, first_that_differs, share, largest } = seen;
-    let whole = *common == frames.0 && *common == frames.1;
-    let course = match (*common, whole) {
-        (0, _) => return "observations: none in common, the runs part at once".into(),
-        (_, true) => "in all frames".to_owned(),
-        (common, false) => format!("in the frames before the runs part ({})", Numbered(common)),
+fn closeness(seen: &Observations) -> String {
+    let common = Numbered(seen.frames);
+    let course = match (seen.frames, seen.parted_at) {
+        (0, Some(frame)) => return format!("observations: none to compare, the runs part at frame {frame}"),
+        (0, None) => return "observations: no frame is in both runs".into(),
+        (_, Some(frame)) => format!("the common frames ({common}), before the runs part at frame {}", Numbered(frame)),
+        (_, None) => format!("all common frames ({common})"),
     };
-    match first_that_differs {
-        None => format!("observations: the same {course}"),
+    match seen.first_that_differs {
+        None => format!("observations: the same in {course}"),
         Some(first) => format!(
-            "observations {course}: {:.4} % of the values differ by more than a grey level, by {largest} at most; the first \
-             difference is in frame {first}",
-            100.0 * share
+            "observations in {course}: {:.4} % of the values differ by more than a grey level, by {} at most; the first \
+             difference is in frame {}",
+            100.0 * seen.share,
+            seen.largest,
+            Numbered(first)
         ),
     }
 }
@@ -83,7 +85,7 @@ fn text(c: &Comparison, reports: &[Value; 2]) -> String {
         line(format!("pictures by {} and by {}: what was seen and reached in them can only be close", by[0], by[1]));
     }
     if let Some(seen) = &c.observations {
-        line(closeness(seen, c.frames));
+        line(closeness(seen));
     }
     line(format!(
         "frames: {} and {}; models: {} and {}",

@@ -15,7 +15,7 @@ use serde::Serialize;
 use thiserror::Error;
 use wgpu::{
     Adapter, Backends, Device, DeviceDescriptor, DeviceType, DownlevelFlags, ErrorFilter, Instance, InstanceDescriptor,
-    PollType, Queue,
+    PollError, PollType, Queue,
 };
 
 /// Why something is not done by a graphics processor.
@@ -52,7 +52,7 @@ pub enum GpuError {
         /// The device's name.
         name: String,
     },
-    /// Its driver does not do something, as too little memory is left: the rest may still go well.
+    /// Its driver does not do something, for example make a buffer when too little memory is left: the rest may still go well.
     #[error("{name} cannot do that: {cause}")]
     Refused {
         /// Its name.
@@ -236,6 +236,10 @@ impl Gpu {
         GpuError::Failed { name: self.name.clone(), cause: cause.to_string() }
     }
 
+    pub(crate) fn refused(&self, cause: impl std::fmt::Display) -> GpuError {
+        GpuError::Refused { name: self.name.clone(), cause: one_line(&cause.to_string()) }
+    }
+
     /// Do something with the device. An error of the driver in it, such as too little memory, is the error of that alone, where it
     /// would otherwise end all use of the device.
     pub(crate) fn within<T>(&self, work: impl FnOnce() -> Result<T, GpuError>) -> Result<T, GpuError> {
@@ -246,9 +250,7 @@ impl Gpu {
         let errors = scopes.into_iter().rev().filter_map(|scope| pollster::block_on(scope.pop()));
         let first = errors.fold(None, |first: Option<wgpu::Error>, error| first.or(Some(error)));
         self.check()?;
-        let refused =
-            |error: wgpu::Error| GpuError::Refused { name: self.name.clone(), cause: one_line(&error.to_string()) };
-        first.map_or(done, |error| Err(refused(error)))
+        first.map_or(done, |error| Err(self.refused(error)))
     }
 
     /// Wait for the device.
@@ -257,6 +259,8 @@ impl Gpu {
         let poll = std::panic::AssertUnwindSafe(|| self.device.poll(until));
         let cause = match std::panic::catch_unwind(poll) {
             Ok(Ok(_)) => return self.check(),
+            // The driver had refused what is waited for; the device is well.
+            Ok(Err(cause @ PollError::WrongSubmissionIndex(..))) => return Err(self.refused(cause)),
             Ok(Err(cause)) => cause.to_string(),
             Err(_) => "the device was lost while it was waited for".to_owned(),
         };
@@ -342,16 +346,27 @@ pub(crate) mod tests {
     #[test]
     fn what_a_driver_refuses_is_an_error_of_that_alone() {
         let Some(gpu) = device() else { return };
-        let usage = wgpu::BufferUsages::STORAGE;
+        let usage = wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST;
         let buffer = |size| {
             let description = wgpu::BufferDescriptor { label: None, size, usage, mapped_at_creation: false };
             gpu.device().create_buffer(&description)
         };
         let room = |size| gpu.within(|| Ok(buffer(size).size()));
+        // Something that needs what was refused is waited for.
+        let copy = |size| {
+            gpu.within(|| {
+                let mut encoder = gpu.device().create_command_encoder(&Default::default());
+                encoder.copy_buffer_to_buffer(&buffer(size), 0, &buffer(64), 0, 64);
+                let submission_index = Some(gpu.queue().submit([encoder.finish()]));
+                gpu.wait(PollType::Wait { submission_index, timeout: None })
+            })
+        };
         let error = room(1 << 60).unwrap_err().to_string();
         assert!(error.starts_with(gpu.name()) && error.contains("cannot do that"), "{error}");
         assert_eq!(gpu.check(), Ok(()));
-        assert_eq!(room(64), Ok(64));
+        assert!(matches!(copy(1 << 60), Err(GpuError::Refused { .. })));
+        assert_eq!(gpu.check(), Ok(()));
+        assert_eq!((room(64), copy(64)), (Ok(64), Ok(())));
         // Outside of it an error ends all use.
         buffer(1 << 60);
         assert!(gpu.check().is_err() && room(64).is_err());

@@ -8,7 +8,7 @@ use bytemuck::cast_slice;
 use faer::{Mat, MatRef};
 use wgpu::{
     BindGroup, Buffer, BufferUsages, CommandEncoder, CommandEncoderDescriptor, ComputePassDescriptor, ComputePipeline,
-    DownlevelFlags, PollType, SubmissionIndex,
+    DownlevelFlags, PipelineCompilationOptions, PollType, SubmissionIndex,
 };
 
 use super::{Gpu, GpuError};
@@ -16,8 +16,6 @@ use crate::kernel::{Form, Kernel};
 
 /// Values of a vector are brought into a group's memory so many at a time; vectors are padded to a multiple with zeros.
 const DEPTH: usize = 16;
-/// The innermost loop goes through so many of them in a step.
-const STEP: usize = 4;
 /// Threads of a group.
 const THREADS: usize = 256;
 /// Sums of a thread belong to four vectors and four observations in each square of so many.
@@ -63,20 +61,20 @@ impl Tile {
             let j = format!("first_observation + {}u + 4u * y", SQUARE * q + r);
             let _ = writeln!(stores, "    store(sum{p}_{q}{r}, {four}, {j});");
         }
-        for k in 0..STEP {
+        for k in 0..DEPTH {
             for p in 0..squares {
-                let at = format!("(k + {k}u) * LINE + {}u", SQUARE / 4 * p);
-                let _ = writeln!(products, "            let s{k}_{p} = of_vectors[{at} + x];");
-                let _ = writeln!(products, "            let x{k}_{p} = of_observations[{at} + y];");
+                let at = SQUARE / 4 * p;
+                let _ = writeln!(products, "        let s{k}_{p} = of_vectors[{k}][{at}u + x];");
+                let _ = writeln!(products, "        let x{k}_{p} = of_observations[{k}][{at}u + y];");
             }
             for (p, q, r) in all() {
                 let (sum, x) = (format!("sum{p}_{q}{r}"), format!("x{k}_{q}.{}", ["x", "y", "z", "w"][r]));
-                let _ = writeln!(products, "            {sum} = fma(s{k}_{p}, vec4f({x}), {sum});");
+                let _ = writeln!(products, "        {sum} = fma(s{k}_{p}, vec4f({x}), {sum});");
             }
         }
         let body = include_str!("rows.wgsl");
         let body = body.replace("//SUMS//", &sums).replace("//PRODUCTS//", &products).replace("//STORES//", &stores);
-        let sizes = [("TILE", self.edge()), ("DEPTH", DEPTH), ("LINE", self.line()), ("STEP", STEP)];
+        let sizes = [("TILE", self.edge()), ("DEPTH", DEPTH), ("LINE", self.line())];
         let sizes: String = sizes.iter().map(|(name, size)| format!("const {name}: u32 = {size}u;\n")).collect();
         sizes + &body
     }
@@ -91,7 +89,7 @@ pub enum Of {
     Values(Kernel),
 }
 
-/// Support vectors on a device.
+/// Support vectors on a device. After an error of a driver it is of no more use.
 #[derive(Debug)]
 pub struct Rows {
     gpu: Arc<Gpu>,
@@ -156,7 +154,11 @@ impl Rows {
                 layout: None,
                 module: &module,
                 entry_point: Some("products"),
-                compilation_options: Default::default(),
+                // Nothing is read there that was not written before.
+                compilation_options: PipelineCompilationOptions {
+                    zero_initialize_workgroup_memory: false,
+                    ..Default::default()
+                },
                 cache: None,
             });
             let empty = || room(&gpu, 16, BufferUsages::STORAGE);
@@ -316,25 +318,30 @@ impl Rows {
     /// What came of a block: `m × n`.
     ///
     /// # Errors
-    /// A device that has failed.
+    /// A device that has failed, or refused something.
     pub fn finish(&self, pending: Pending) -> Result<Mat<f32>, GpuError> {
+        self.finish_with(pending, |results| results.to_owned())
+    }
+
+    /// Do something with what came of a block, `m × n`, where it is.
+    ///
+    /// # Errors
+    /// Those of [`Rows::finish`].
+    pub fn finish_with<R>(&self, pending: Pending, work: impl FnOnce(MatRef<'_, f32>) -> R) -> Result<R, GpuError> {
         let Pending { block, vectors, observations, submission, mapped } = pending;
-        let failed = |cause: &dyn std::fmt::Display| self.gpu.failed(cause);
+        let refused = |cause: &dyn std::fmt::Display| self.gpu.refused(cause);
         let until = PollType::Wait { submission_index: Some(submission), timeout: None };
         self.gpu.wait(until)?;
-        mapped.recv().map_err(|cause| failed(&cause))?.map_err(|cause| failed(&cause))?;
-        let Some(block) = &self.blocks[block] else { return Err(self.gpu.failed("a block is gone")) };
-        let mut results = Mat::zeros(vectors, observations);
-        {
+        mapped.recv().map_err(|cause| refused(&cause))?.map_err(|cause| refused(&cause))?;
+        let Some(block) = &self.blocks[block] else { return Err(refused(&"a block is gone")) };
+        let done = {
             let bytes = block.out.slice(..(4 * block.stride * observations) as u64);
-            let bytes = bytes.get_mapped_range().map_err(|cause| failed(&cause))?;
+            let bytes = bytes.get_mapped_range().map_err(|cause| refused(&cause))?;
             let numbers: &[f32] = cast_slice(&bytes);
-            for j in 0..observations {
-                results.col_as_slice_mut(j).copy_from_slice(&numbers[j * block.stride..][..vectors]);
-            }
-        }
+            work(MatRef::from_column_major_slice_with_stride(numbers, vectors, observations, block.stride))
+        };
         block.out.unmap();
-        Ok(results)
+        Ok(done)
     }
 
     fn block(&self, observations: usize) -> Result<Block, GpuError> {

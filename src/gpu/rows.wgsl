@@ -3,8 +3,8 @@
 // One group of 256 threads computes a square of TILE × TILE products. Parts of DEPTH values of its vectors and observations are
 // kept in memory that the group shares, value by value, so that a thread loads four vectors' at once: a load from there costs a
 // multiplication. Each thread sums the products of some four vectors, in every 64, with some four observations in every 64.
-// What depends on their number is written out by rows.rs: sums with names in place of indices stay in registers, and the longer
-// the step of the innermost loop, the less of it is counting.
+// What depends on their number is written out by rows.rs: sums with names in place of indices stay in registers, and where a part's
+// values have numbers, nothing is counted, and no index has to be kept within its array.
 
 struct Sizes {
     /// From one observation's products to the next one's, in fours.
@@ -30,8 +30,8 @@ struct Sizes {
 @group(0) @binding(5) var<storage, read_write> results: array<vec4f>;
 
 // A line, of one value of all, is LINE fours long, one more than a tile: fewer of the threads that write at once meet in a bank.
-var<workgroup> of_vectors: array<vec4f, DEPTH * LINE>;
-var<workgroup> of_observations: array<vec4f, DEPTH * LINE>;
+var<workgroup> of_vectors: array<array<vec4f, LINE>, DEPTH>;
+var<workgroup> of_observations: array<array<vec4f, LINE>, DEPTH>;
 
 fn values(products: vec4f, four: u32, j: u32) -> vec4f {
     if sizes.kernel == 0u {
@@ -62,7 +62,7 @@ fn products(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index
     // written; devices may write all four where only one is meant.
     let four = (thread % TILE) / 4u;
     let quad = thread % 4u;
-    let to = quad * 4u * LINE + four;
+    let to = quad * 4u;
 //SUMS//
     for (var begin = 0u; begin < sizes.quads; begin += DEPTH / 4u) {
         if thread < TILE {
@@ -70,10 +70,10 @@ fn products(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index
             let second = at + sizes.quads;
             let third = second + sizes.quads;
             let turned = transpose(mat4x4f(vectors[at], vectors[second], vectors[third], vectors[third + sizes.quads]));
-            of_vectors[to] = turned[0];
-            of_vectors[to + LINE] = turned[1];
-            of_vectors[to + 2u * LINE] = turned[2];
-            of_vectors[to + 3u * LINE] = turned[3];
+            of_vectors[to][four] = turned[0];
+            of_vectors[to + 1u][four] = turned[1];
+            of_vectors[to + 2u][four] = turned[2];
+            of_vectors[to + 3u][four] = turned[3];
         } else if thread < 2u * TILE {
             let at = (first_observation + 4u * four) * sizes.quads + begin + quad;
             let second = at + sizes.quads;
@@ -81,15 +81,13 @@ fn products(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index
             let turned = transpose(
                 mat4x4f(observations[at], observations[second], observations[third], observations[third + sizes.quads])
             );
-            of_observations[to] = turned[0];
-            of_observations[to + LINE] = turned[1];
-            of_observations[to + 2u * LINE] = turned[2];
-            of_observations[to + 3u * LINE] = turned[3];
+            of_observations[to][four] = turned[0];
+            of_observations[to + 1u][four] = turned[1];
+            of_observations[to + 2u][four] = turned[2];
+            of_observations[to + 3u][four] = turned[3];
         }
         workgroupBarrier();
-        for (var k = 0u; k < DEPTH; k += STEP) {
 //PRODUCTS//
-        }
         workgroupBarrier();
     }
 //STORES//

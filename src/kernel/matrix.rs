@@ -70,7 +70,7 @@ impl Kernel {
     /// Shapes that do not fit each other.
     pub fn matrix_of_products<T: Scalar>(
         &self,
-        products: &Mat<T>,
+        products: MatRef<'_, T>,
         s_norms: &[f64],
         x_norms: &[f64],
         par: Par,
@@ -81,7 +81,6 @@ impl Kernel {
         ];
         refuse_other_sizes(sizes)?;
         let mut values = Mat::zeros(products.nrows(), products.ncols());
-        let products = products.as_ref();
         Tile { kernel: self, products, left: s_norms, right: x_norms, values: values.as_mut() }.compute(par);
         Ok(values)
     }

@@ -19,7 +19,7 @@ pub struct Comparison {
     pub settings: BTreeMap<String, (String, String)>,
     /// Frames of both runs.
     pub frames: (u64, u64),
-    /// What both saw; `None` if this version cannot read the scenario of one of them.
+    /// What both saw; `None` if observations have other sizes, or this version cannot read the scenario of one of them.
     pub observations: Option<Observations>,
     /// Models of both runs.
     pub models: (usize, usize),
@@ -31,11 +31,13 @@ pub struct Comparison {
     pub epochs: Vec<Epoch>,
 }
 
-/// What two runs saw while they took the same course: frames of the same number, of the same action, from the same true pose.
+/// What two runs saw while they took the same course: frames that both have, of the same action, from the same true pose.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Observations {
-    /// Frames of the same course, from the beginning.
+    /// Frames of the same course.
     pub frames: u64,
+    /// Number of the frame with which their courses part.
+    pub parted_at: Option<u64>,
     /// Number of the first of them whose observations differ.
     pub first_that_differs: Option<u64>,
     /// Share of all their values that differ by more than one grey level.
@@ -98,24 +100,36 @@ pub fn compare(a: &Recording, b: &Recording) -> Result<Comparison, RecordingErro
 fn observations(a: &Recording, b: &Recording) -> Option<Observations> {
     let open = |run: &Recording| Some(Recorded::new(Arc::new(run.scenario(&[]).ok()?), run.records()));
     let (mut a, mut b) = (open(a)?, open(b)?);
-    let course = |frame: &Frame| (frame.number, frame.action, frame.boundary.is_some());
+    let course = |frame: &Frame| (frame.action, frame.boundary.is_some());
     let apart = |a: &Pose, b: &Pose| (a.position - b.position).norm().max(wrap(a.heading - b.heading).abs());
     let mut found = Observations::default();
     let (mut values, mut differ) = (0u64, 0u64);
-    while let (Some(of_a), Some(of_b)) = (a.take(), b.take()) {
-        let (View::Observation(seen), View::Observation(other)) = (&of_a.view, &of_b.view) else { break };
-        if course(&of_a) != course(&of_b) || seen.len() != other.len() || apart(&of_a.pose, &of_b.pose) > SAME_POSE {
+    let (mut of_a, mut of_b) = (a.take(), b.take());
+    while let (Some(one), Some(other)) = (&of_a, &of_b) {
+        // Frames that one of the two lacks: lost, damaged, deleted.
+        if one.number != other.number {
+            let behind = if one.number < other.number { (&mut of_a, &mut a) } else { (&mut of_b, &mut b) };
+            *behind.0 = behind.1.take();
+            continue;
+        }
+        if course(one) != course(other) || apart(&one.pose, &other.pose) > SAME_POSE {
+            found.parted_at = Some(one.number);
             break;
+        }
+        let (View::Observation(seen), View::Observation(also)) = (&one.view, &other.view) else { return None };
+        if seen.len() != also.len() {
+            return None;
         }
         found.frames += 1;
         values += seen.len() as u64;
-        if seen != other {
-            found.first_that_differs.get_or_insert(of_a.number);
-            for apart in seen.iter().zip(other).map(|(a, b)| a.abs_diff(*b)) {
-                found.largest = found.largest.max(apart);
-                differ += u64::from(apart > 1);
+        if seen != also {
+            found.first_that_differs.get_or_insert(one.number);
+            for difference in seen.iter().zip(also).map(|(a, b)| a.abs_diff(*b)) {
+                found.largest = found.largest.max(difference);
+                differ += u64::from(difference > 1);
             }
         }
+        (of_a, of_b) = (a.take(), b.take());
     }
     found.share = differ as f64 / values.max(1) as f64;
     Some(found)

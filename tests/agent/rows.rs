@@ -36,7 +36,7 @@ fn products_of_whole_numbers_are_exact_and_so_are_the_kernel_values_of_them() {
         assert!(of_s.iter().chain(&of_x).all(|&norm| norm < 16_777_216.0));
         let products = rows(&gpu, tile, &s, &x, Of::Products);
         let kernel = Kernel::gaussian(3000.0).unwrap();
-        let found = kernel.matrix_of_products(&products, &of_s, &of_x, Par::rayon(2)).unwrap();
+        let found = kernel.matrix_of_products(products.as_ref(), &of_s, &of_x, Par::rayon(2)).unwrap();
         assert_eq!(found, kernel.matrix(s.as_ref().as_ref(), &of_s, x.as_ref(), &of_x, Par::Seq).unwrap(), "{tile:?}");
     }
 }

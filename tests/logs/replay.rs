@@ -112,15 +112,20 @@ fn other_settings_learn_otherwise_from_the_same_frames_and_compare_says_so() {
     assert_eq!(compared["settings"]["slow.features"], serde_json::json!(["60", "20"]));
     assert_eq!(compared["settings"].as_object().unwrap().len(), 2, "{}", compared["settings"]);
     assert_eq!(compared["first_model_that_differs"], 1);
-    let same = serde_json::json!({"frames": 2001, "first_that_differs": null, "share": 0.0, "largest": 0});
+    let same =
+        serde_json::json!({"frames": 2001, "parted_at": null, "first_that_differs": null, "share": 0.0, "largest": 0});
     assert_eq!(compared["observations"], same);
     let same = adagio(folder.path(), &["compare", "run", "run"]);
     assert!(stdout(&same).contains("equal, bit for bit"), "{}", stdout(&same));
-    assert!(stdout(&same).contains("observations: the same in all frames"), "{}", stdout(&same));
+    assert!(stdout(&same).contains("observations: the same in all common frames (2 001)"), "{}", stdout(&same));
     // Another course from the first action on, and another sensor's errors.
     smoke_run(folder.path(), "elsewhere", &["--seed", "77", "--actions", "50"]);
     let parted = adagio(folder.path(), &["compare", "run", "elsewhere"]);
-    assert!(stdout(&parted).contains("observations in the frames before the runs part (1): "), "{}", stdout(&parted));
+    assert!(
+        stdout(&parted).contains("observations in the common frames (1), before the runs part at frame 1: "),
+        "{}",
+        stdout(&parted)
+    );
     // What vision threw away is not in the log.
     let refused = adagio(folder.path(), &["replay", "run", "--set", "vision.width=16"]);
     assert_eq!(refused.status.code(), Some(2));
@@ -165,7 +170,7 @@ fn the_first_difference_is_named() {
     let compared = adagio(folder.path(), &["compare", "run", "other.mcap", "--json"]);
     let compared: Value = serde_json::from_slice(&compared.stdout).unwrap();
     let seen = serde_json::json!({
-        "frames": observations, "first_that_differs": 59, "largest": 128, "share": 1.0 / (f64::from(observations) * 1536.0)
+        "frames": observations, "parted_at": null, "first_that_differs": 59, "largest": 128, "share": 1.0 / (f64::from(observations) * 1536.0)
     });
     assert_eq!(compared["observations"], seen);
     let said = stdout(&adagio(folder.path(), &["compare", "run", "other.mcap"]));

@@ -11,7 +11,6 @@ use std::sync::Arc;
 use std::sync::mpsc;
 
 use bytemuck::cast_slice;
-use wgpu::util::{BufferInitDescriptor, DeviceExt};
 use wgpu::{
     BindGroup, Buffer, BufferUsages, CommandEncoderDescriptor, ComputePassDescriptor, ComputePipeline, DownlevelFlags,
     PollType, SubmissionIndex,
@@ -57,6 +56,8 @@ pub struct Views {
 /// Room for some views.
 struct Room {
     capacity: usize,
+    /// Views of a part: no more than there is room for.
+    at_once: usize,
     distractors: usize,
     pair: [Part; 2],
 }
@@ -92,10 +93,6 @@ impl Views {
         gpu.allow("threads of a group", THREADS as u64, limits.max_compute_invocations_per_workgroup.into())?;
         let texels: &[u8] = cast_slice(&scene.texels);
         gpu.allow("bytes of textures", texels.len() as u64, gpu.largest_buffer())?;
-        let buffer = |label, contents: &[u8]| {
-            let usage = BufferUsages::STORAGE;
-            device.create_buffer_init(&BufferInitDescriptor { label: Some(label), contents, usage })
-        };
         let make = || {
             let module = device.create_shader_module(wgpu::include_wgsl!("views.wgsl"));
             let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
@@ -106,7 +103,8 @@ impl Views {
                 compilation_options: Default::default(),
                 cache: None,
             });
-            Ok((pipeline, buffer("scene", cast_slice(&scene.words)), buffer("texels", texels)))
+            let words = filled(&gpu, "scene", BufferUsages::STORAGE, cast_slice(&scene.words));
+            Ok((pipeline, words, filled(&gpu, "texels", BufferUsages::STORAGE, texels)))
         };
         let (pipeline, words, texels) = gpu.within(make)?;
         Ok(Views { gpu, camera, scene, pipeline, words, texels, room: None })
@@ -125,23 +123,22 @@ impl Views {
         let distractors = first.distractors.len();
         assert!(eyes.iter().all(|eye| eye.distractors.len() == distractors), "as many distractors in each view");
         let gpu = self.gpu.clone();
-        gpu.within(|| self.render_parts(eyes, distractors, images))
-    }
-
-    fn render_parts(&mut self, eyes: &[Eye<'_>], distractors: usize, images: &mut [Image]) -> Result<(), GpuError> {
-        let room = self.room_for(eyes.len(), distractors)?;
-        let mut pending: Option<Pending> = None;
-        for (number, part) in eyes.chunks(room.capacity).enumerate() {
-            let next = self.draw(&room, number, part);
-            if let Some(drawn) = pending.replace(next) {
-                self.read(&room, drawn, images)?;
-            }
-        }
-        if let Some(drawn) = pending {
-            self.read(&room, drawn, images)?;
-        }
+        // Nothing is begun without it.
+        let room = gpu.within(|| self.room_for(eyes.len(), distractors))?;
+        gpu.within(|| self.render_parts(&room, eyes, images))?;
         self.room = Some(room);
         Ok(())
+    }
+
+    fn render_parts(&self, room: &Room, eyes: &[Eye<'_>], images: &mut [Image]) -> Result<(), GpuError> {
+        let mut pending: Option<Pending> = None;
+        for (number, part) in eyes.chunks(room.at_once).enumerate() {
+            let next = self.draw(room, number, part);
+            if let Some(drawn) = pending.replace(next) {
+                self.read(room, drawn, images)?;
+            }
+        }
+        pending.map_or(Ok(()), |drawn| self.read(room, drawn, images))
     }
 
     /// Give back the memory for views, until there is something to render again.
@@ -170,7 +167,9 @@ impl Views {
         let most = (3 * MOST_PIXELS / of_view).min(of_buffers).min(limits.max_compute_workgroups_per_dimension.into());
         let capacity = views.div_ceil(PARTS).next_power_of_two().max(FEWEST_AT_ONCE).min(most.max(1) as usize);
         match self.room.take() {
-            Some(there) if there.capacity >= capacity && there.distractors == distractors => Ok(there),
+            Some(there) if there.capacity >= capacity && there.distractors == distractors => {
+                Ok(Room { at_once: capacity, ..there })
+            }
             smaller => {
                 drop(smaller);
                 Ok(self.make_room(capacity, distractors))
@@ -180,11 +179,7 @@ impl Views {
 
     fn make_room(&self, capacity: usize, distractors: usize) -> Room {
         let device = self.gpu.device();
-        let common = device.create_buffer_init(&BufferInitDescriptor {
-            label: Some("common"),
-            contents: cast_slice(&self.common(distractors)),
-            usage: BufferUsages::UNIFORM,
-        });
+        let common = filled(&self.gpu, "common", BufferUsages::UNIFORM, cast_slice(&self.common(distractors)));
         let room = |label, size, usage| {
             device.create_buffer(&wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false })
         };
@@ -206,7 +201,7 @@ impl Views {
             let out = room("drawn", of_results, BufferUsages::MAP_READ | BufferUsages::COPY_DST);
             Part { words, results, group, out }
         };
-        Room { capacity, distractors, pair: [0, 1].map(part) }
+        Room { capacity, at_once: capacity, distractors, pair: [0, 1].map(part) }
     }
 
     /// The uniform `Common` of the shader.
@@ -252,7 +247,7 @@ impl Views {
         let (tell, mapped) = mpsc::channel();
         // Nobody listens where an earlier part has failed.
         part.out.slice(..bytes).map_async(wgpu::MapMode::Read, move |result| drop(tell.send(result)));
-        Pending { part: number % 2, first: number * room.capacity, count: eyes.len(), submission, mapped }
+        Pending { part: number % 2, first: number * room.at_once, count: eyes.len(), submission, mapped }
     }
 
     /// Wait for views, and take them apart.
@@ -260,13 +255,13 @@ impl Views {
         let Pending { part, first, count, submission, mapped } = drawn;
         let until = PollType::Wait { submission_index: Some(submission), timeout: None };
         self.gpu.wait(until)?;
-        mapped.recv().map_err(|cause| self.gpu.failed(cause))?.map_err(|cause| self.gpu.failed(cause))?;
+        mapped.recv().map_err(|cause| self.gpu.refused(cause))?.map_err(|cause| self.gpu.refused(cause))?;
         let (width, height) = (self.camera.columns.len(), self.camera.height);
         let (cropped, of_view, of_image) = (self.camera.crops(), self.view_bytes(), 3 * self.camera.pixels());
         let out = &room.pair[part].out;
         {
             let bytes = out.slice(..(count * of_view) as u64);
-            let bytes = bytes.get_mapped_range().map_err(|cause| self.gpu.failed(cause))?;
+            let bytes = bytes.get_mapped_range().map_err(|cause| self.gpu.refused(cause))?;
             let bytes: &[u8] = &bytes;
             on_all_threads(&mut images[first..first + count], |view, image| {
                 (image.width, image.height, image.cropped) = (width, height, cropped);
@@ -277,6 +272,15 @@ impl Views {
         out.unmap();
         Ok(())
     }
+}
+
+/// A buffer with contents. (What wgpu has for this panics where there is no memory for it.)
+fn filled(gpu: &Gpu, label: &str, usage: BufferUsages, contents: &[u8]) -> Buffer {
+    let (size, usage) = (contents.len() as u64, usage | BufferUsages::COPY_DST);
+    let description = wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false };
+    let buffer = gpu.device().create_buffer(&description);
+    gpu.queue().write_buffer(&buffer, 0, contents);
+    buffer
 }
 
 /// Do something with each item, on as many threads as there are cores, each of them with a part of its own.

@@ -78,7 +78,10 @@ fn texel(texture: vec4u, along: f32, up: f32) -> u32 {
     return texels[texture.x + column * texture.z + row];
 }
 
-fn colour(eye: Eye, at: vec2u) -> u32 {
+/// The colour of a pixel, counted row by row; the last four may go beyond the view's end.
+fn colour(eye: Eye, pixel: u32) -> u32 {
+    let inside = min(pixel, every.width * every.height - 1u);
+    let at = vec2u(inside % every.width, inside / every.width);
     // Aside, bearing in degrees, degrees of elevation for each unit of slope.
     let column = bitcast<vec4f>(scene[at.x]);
     let ray = Ray(eye.ahead + column.x * vec2f(eye.ahead.y, -eye.ahead.x), every.slope - f32(at.y) * every.fall);
@@ -223,13 +226,9 @@ fn draw(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let eye = eye_of(id.y);
-    let last = every.width * every.height - 1u;
-    var four: vec4u;
-    for (var i = 0u; i < 4u; i++) {
-        // The last four may go beyond the view's end.
-        let pixel = min(4u * id.x + i, last);
-        four[i] = colour(eye, vec2u(pixel % every.width, pixel / every.width)) & 0xffffffu;
-    }
+    let pixel = 4u * id.x;
+    let colours = vec4u(colour(eye, pixel), colour(eye, pixel + 1u), colour(eye, pixel + 2u), colour(eye, pixel + 3u));
+    let four = colours & vec4u(0xffffffu);
     // Red, green and blue, a byte each, one pixel behind the other.
     let at = 3u * (id.y * every.fours + id.x);
     results[at] = four.x | (four.y << 24u);
