@@ -143,13 +143,9 @@ impl KernelRows {
         model.kernel_rows(x, par)?;
         let by_processor = begin.elapsed();
         let name = gpu.name().to_owned();
-        let faster = |a: Tried, b: Tried| match (&a, &b) {
-            (Ok((_, of_a)), Ok((_, of_b))) if of_b < of_a => b,
-            (Err(_), Ok(_)) => b,
-            _ => a,
-        };
-        let [small, large] = Tile::ALL.map(|tile| time(&gpu, tile, model, x, par));
-        let (device, by_device) = match faster(small, large) {
+        let tries = Tile::ALL.map(|tile| time(&gpu, tile, model, x, par)).into_iter();
+        let fastest = tries.min_by_key(|tried| tried.as_ref().map_or(Duration::MAX, |(_, took)| *took));
+        let (device, by_device) = match fastest.expect("there are tiles") {
             Ok(tried) => tried,
             Err(error) => {
                 self.choice = Some(Choice::processor(error.to_string()));
