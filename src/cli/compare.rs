@@ -52,16 +52,12 @@ fn closeness(seen: &Observations) -> String {
         (_, Some(frame)) => format!("the common frames ({common}), before the runs part at frame {}", Numbered(frame)),
         (_, None) => format!("all common frames ({common})"),
     };
-    match seen.first_that_differs {
-        None => format!("observations: the same in {course}"),
-        Some(first) => format!(
-            "observations in {course}: {:.4} % of the values differ by more than a grey level, by {} at most; the first \
-             difference is in frame {}",
-            100.0 * seen.share,
-            seen.largest,
-            Numbered(first)
-        ),
-    }
+    let Some(first) = seen.first_that_differs else { return format!("observations: the same in {course}") };
+    let share = match seen.share {
+        0.0 => "no value differs by more than a grey level".to_owned(),
+        share => format!("{share:.1e} of the values differ by more than a grey level, by {} at most", seen.largest),
+    };
+    format!("observations in {course}: {share}; the first difference is in frame {}", Numbered(first))
 }
 
 fn text(c: &Comparison, reports: &[Value; 2]) -> String {
