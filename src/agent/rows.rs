@@ -167,9 +167,10 @@ impl KernelRows {
     }
 }
 
-/// A device with a model's support vectors, and the time that it takes for some observations, the second time.
+/// A device with a model's support vectors, and the time that it takes for some observations.
 type Tried = Result<(Rows, Duration), GpuError>;
 
+/// Try a device: the shorter time of two, since memory is taken the first time.
 fn time(gpu: &Arc<Gpu>, tile: Tile, model: &SlowModel<f32>, x: MatRef<'_, f32>, par: Par) -> Tried {
     let mut device = Rows::new(gpu.clone(), x.nrows(), tile)?;
     device.hold(&model.members, model.norms())?;

@@ -80,9 +80,10 @@ fn text(c: &Comparison, reports: &[Value; 2]) -> String {
     if reports.iter().all(|report| !report.is_null()) && by[0] != by[1] {
         line(format!("pictures by {} and by {}: what was seen and reached in them can only be close", by[0], by[1]));
     }
-    if let Some(seen) = &c.observations {
-        line(closeness(seen));
-    }
+    line(c.observations.as_ref().map_or_else(
+        || "observations: not comparable, of other sizes or of a scenario that this version cannot read".into(),
+        closeness,
+    ));
     line(format!(
         "frames: {} and {}; models: {} and {}",
         Numbered(c.frames.0),

@@ -15,7 +15,7 @@ fn chains(@builtin(global_invocation_id) id: vec3u) {
     var h = start + 0.7;
     let factor = vec4f(0.999);
     let more = vec4f(0.001);
-    for (var i = 0u; i < ROUNDS; i++) {
+    for (var i = 0u; i < STEPS; i++) {
 //CHAINS//
     }
     results[id.x] = a + b + c + d + e + f + g + h;

@@ -68,6 +68,9 @@ impl Kernel {
     ///
     /// # Errors
     /// Shapes that do not fit each other.
+    ///
+    /// # Panics
+    /// If a column of `products` does not lie in one piece.
     pub fn matrix_of_products<T: Scalar>(
         &self,
         products: MatRef<'_, T>,
@@ -211,7 +214,7 @@ fn each<T: Scalar>(
         let (values, products) =
             (values.as_mut().col_mut(j).try_as_col_major_mut(), products.col(j).try_as_col_major());
         let (Some(column), Some(products)) = (values, products) else {
-            unreachable!("parts of matrices made here, whose columns are contiguous")
+            panic!("columns of kernel values and products lie in one piece each")
         };
         for ((value_of, &product), &left) in column.as_slice_mut().iter_mut().zip(products.as_slice()).zip(left) {
             *value_of = value(product.into(), left, right);
