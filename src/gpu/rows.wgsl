@@ -4,7 +4,7 @@
 // kept in memory that the group shares, value by value, so that a thread loads four vectors' at once: a load from there costs a
 // multiplication. Each thread sums the products of some four vectors, in every 64, with some four observations in every 64.
 // What depends on their number is written out by rows.rs: sums with names in place of indices stay in registers, and where a part's
-// values have numbers, nothing is counted, and no index has to be kept within its array.
+// values have numbers, nothing is counted, and of two indices only the second, which is the same for all of them, has to be checked.
 
 struct Sizes {
     /// From one observation's products to the next one's, in fours.
