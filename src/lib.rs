@@ -101,26 +101,45 @@
 //! # }
 //! ```
 
+pub use faer;
+
+#[cfg(feature = "agent")]
 pub mod agent;
+#[cfg(feature = "cli")]
 pub mod cli;
 pub mod dictionary;
+#[cfg(feature = "agent")]
 pub mod evaluate;
+#[cfg(feature = "report")]
 pub mod experiment;
+#[cfg(feature = "agent")]
 pub mod export;
+#[cfg(feature = "agent")]
 pub mod gpu;
 pub mod kernel;
+#[cfg(feature = "live")]
 pub mod live;
+#[cfg(feature = "agent")]
 pub mod log;
+#[cfg(feature = "snapshot")]
 pub mod parts;
+#[cfg(feature = "agent")]
 pub mod policy;
 pub mod random;
 pub mod regression;
+#[cfg(feature = "agent")]
 pub mod replay;
+#[cfg(feature = "report")]
 pub mod report;
+#[cfg(feature = "agent")]
 pub mod scenario;
 pub mod slow;
+#[cfg(feature = "report")]
 pub mod soak;
+#[cfg(feature = "agent")]
 pub mod source;
 pub mod value;
+#[cfg(feature = "agent")]
 pub mod vision;
+#[cfg(feature = "agent")]
 pub mod world;

@@ -1,9 +1,9 @@
 //! What makes runs repeatable: named streams of random numbers, one per purpose, so that adding one does not shift the
 //! others; and matrix decompositions on one thread, because their bits depend on the number of threads.
 
+use hmac_sha256::Hash;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use sha2::{Digest, Sha256};
 
 /// Let all decompositions (eigenvalues, LU, Cholesky, SVD) of this process run on one thread.
 ///
@@ -15,11 +15,11 @@ pub fn fix_parallelism() {
 
 /// The generator for one purpose of one run. The same seed and name give the same numbers on every machine.
 pub fn stream(seed: u64, name: &str) -> ChaCha8Rng {
-    let mut hash = Sha256::new();
+    let mut hash = Hash::new();
     hash.update(b"adagio random stream\0");
     hash.update(seed.to_le_bytes());
     hash.update(name.as_bytes());
-    ChaCha8Rng::from_seed(hash.finalize().into())
+    ChaCha8Rng::from_seed(hash.finalize())
 }
 
 #[cfg(test)]

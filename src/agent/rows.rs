@@ -187,7 +187,7 @@ fn time(gpu: &Arc<Gpu>, tile: Tile, model: &SlowModel<f32>, x: MatRef<'_, f32>, 
     Ok((device, took))
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "gpu"))]
 mod tests {
     use super::*;
     use crate::gpu::tests::device;

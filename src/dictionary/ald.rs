@@ -6,6 +6,7 @@ use faer::{Mat, MatRef, Par};
 use super::error::{check_budget, check_nu};
 use super::{Block, Dictionary, DictionaryError, Selection, Thinning};
 use crate::kernel::{Kernel, Scalar};
+#[cfg(feature = "snapshot")]
 use crate::parts::{Parts, PartsError};
 
 /// What an [`Ald`] does when its budget is used up.
@@ -199,6 +200,7 @@ impl<T: Scalar> Selection<T> for Ald<T> {
         Some(self.nu)
     }
 
+    #[cfg(feature = "snapshot")]
     fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
         parts.inner("dictionary", &mut self.dictionary)?;
         parts.number("nu", &mut self.nu)?;

@@ -8,6 +8,7 @@ use faer::{Accum, Mat, MatRef, Par};
 use super::DictionaryError;
 use crate::kernel::products::{for_columns, product, solve_lower};
 use crate::kernel::{self, Kernel, KernelError, Scalar, squared_norms};
+#[cfg(feature = "snapshot")]
 use crate::parts::{Parts, PartsError, Persist};
 
 /// What a block of observations did.
@@ -147,6 +148,7 @@ pub struct Dictionary<T: Scalar> {
     expected: usize,
 }
 
+#[cfg(feature = "snapshot")]
 impl<T: Scalar> Persist for Dictionary<T> {
     fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
         let room = |_: usize, columns: usize| capacity(columns, self.expected);

@@ -7,6 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use super::error::check_budget;
 use super::{Block, Dictionary, DictionaryError, Selection, Thinning};
 use crate::kernel::{Kernel, Scalar};
+#[cfg(feature = "snapshot")]
 use crate::parts::{Parts, PartsError};
 use crate::random::stream;
 
@@ -108,6 +109,7 @@ impl<T: Scalar> Selection<T> for Reservoir<T> {
         None
     }
 
+    #[cfg(feature = "snapshot")]
     fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
         parts.inner("dictionary", &mut self.dictionary)?;
         parts.random("random", &mut self.random)?;

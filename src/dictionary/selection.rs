@@ -7,6 +7,7 @@ use faer::MatRef;
 use super::feature_ald::FeatureMap;
 use super::{Block, Dictionary, DictionaryError, Thinning};
 use crate::kernel::Scalar;
+#[cfg(feature = "snapshot")]
 use crate::parts::{Parts, PartsError};
 
 /// A dictionary with a rule for what it takes, and for what leaves when the budget is exceeded.
@@ -55,6 +56,7 @@ pub trait Selection<T: Scalar>: Debug + Send {
     ///
     /// # Errors
     /// A selection that cannot be put away; parts that are missing or do not fit.
+    #[cfg(feature = "snapshot")]
     fn persist(&mut self, _parts: &mut Parts) -> Result<(), PartsError> {
         Err(PartsError::Unable("this selection of support vectors"))
     }

@@ -11,8 +11,8 @@ use wgpu::{
     DownlevelFlags, PipelineCompilationOptions, PollType, SubmissionIndex,
 };
 
-use super::{Gpu, GpuError};
-use crate::kernel::{Form, Kernel};
+use super::{Gpu, GpuError, Of, Tile};
+use crate::kernel::Form;
 
 /// Values of a vector are brought into a group's memory so many at a time; vectors are padded to a multiple with zeros.
 const DEPTH: usize = 16;
@@ -21,19 +21,7 @@ const THREADS: usize = 256;
 /// Sums of a thread belong to four vectors and four observations in each square of so many.
 const SQUARE: usize = 64;
 
-/// How the work is cut: a group computes a square of so many products, see `rows.wgsl`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Tile {
-    /// 64 × 64, 16 products for each thread.
-    Small,
-    /// 128 × 128, 64 products for each thread.
-    Large,
-}
-
 impl Tile {
-    /// Both.
-    pub const ALL: [Tile; 2] = [Tile::Small, Tile::Large];
-
     fn edge(self) -> usize {
         match self {
             Tile::Small => 64,
@@ -78,15 +66,6 @@ impl Tile {
         let sizes: String = sizes.iter().map(|(name, size)| format!("const {name}: u32 = {size}u;\n")).collect();
         sizes + &body
     }
-}
-
-/// What is computed of products.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Of {
-    /// The products themselves. Those of whole numbers are exact while all squared norms are below 2²⁴.
-    Products,
-    /// Values of a radial kernel, in single precision.
-    Values(Kernel),
 }
 
 /// Support vectors on a device. After an error of a driver it is of no more use.

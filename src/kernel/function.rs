@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+#[cfg(feature = "snapshot")]
 use serde::{Deserialize, Serialize};
 
 use super::error::KernelError;
@@ -30,15 +31,15 @@ use super::exponential::exp_of_negative;
 /// assert_eq!(Kernel::radial(1.0, 2.5), Err(KernelError::Exponent(2.5)));
 /// # Ok::<(), KernelError>(())
 /// ```
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "Form", into = "Form")]
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "snapshot", derive(Serialize, Deserialize), serde(try_from = "Form", into = "Form"))]
 pub struct Kernel {
     form: Form,
 }
 
 /// The formula of a [`Kernel`] with its parameters: to look at, to store, and to build one from (`Kernel::try_from`).
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "snapshot", derive(Serialize, Deserialize), serde(rename_all = "snake_case"))]
 pub enum Form {
     /// `xᵀx′`.
     Linear,

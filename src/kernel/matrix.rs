@@ -7,7 +7,17 @@ use pulp::{Arch, NullaryFnOnce};
 use super::error::KernelError;
 use super::function::{Form, Kernel, gaussian, laplacian, normalised_polynomial, polynomial, radial};
 use super::products::{join, near_half};
+#[cfg(feature = "snapshot")]
 use crate::parts::Element;
+
+/// Without snapshots nothing is asked of a number for them.
+#[cfg(not(feature = "snapshot"))]
+mod element {
+    pub trait Element: Copy {}
+    impl<T: Copy> Element for T {}
+}
+#[cfg(not(feature = "snapshot"))]
+use element::Element;
 
 /// The number type of observations: `f32` or `f64`.
 pub trait Scalar: faer::traits::ComplexField + Element + Default + Into<f64> + Send + Sync + 'static {

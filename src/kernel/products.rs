@@ -13,6 +13,7 @@ use faer::{Accum, Mat, MatMut, MatRef, Par};
 /// Where the work is cut must not depend on `par`: then its result does not either, to the last bit.
 pub(crate) fn join(par: Par, first: impl FnOnce(Par) + Send, second: impl FnOnce(Par) + Send) {
     match par {
+        #[cfg(feature = "rayon")]
         Par::Rayon(threads) if threads.get() > 1 => {
             let half = threads.get() / 2;
             rayon::join(|| first(Par::rayon(threads.get() - half)), || second(Par::rayon(half)));
@@ -22,6 +23,17 @@ pub(crate) fn join(par: Par, first: impl FnOnce(Par) + Send, second: impl FnOnce
             second(Par::Seq);
         }
     }
+}
+
+/// `of(0), …, of(n − 1)`, on all threads of the process.
+pub(crate) fn map_all<R: Send>(n: usize, of: impl Fn(usize) -> R + Send + Sync) -> Vec<R> {
+    #[cfg(feature = "rayon")]
+    {
+        use rayon::prelude::*;
+        (0..n).into_par_iter().map(of).collect()
+    }
+    #[cfg(not(feature = "rayon"))]
+    (0..n).map(of).collect()
 }
 
 /// Threads for a product or a solve with `columns` columns: one thread for a single column, because faer sums such a product
@@ -127,7 +139,7 @@ fn solve_columns(l: MatRef<'_, f64>, x: MatMut<'_, f64>, par: Par) {
     join(par, |par| solve_columns(l, left, par), |par| solve_columns(l, right, par));
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "rayon"))]
 mod tests {
     use super::*;
 

@@ -6,6 +6,7 @@ use super::error::SlowError;
 use super::links::{Link, check_links};
 use crate::dictionary::Thinning;
 use crate::kernel::products::{add_square, product};
+#[cfg(feature = "snapshot")]
 use crate::parts::{Parts, PartsError, Persist};
 
 /// The most coordinates that are summed over: two matrices of this size squared take 64 GiB.
@@ -259,6 +260,7 @@ impl Moments {
     }
 }
 
+#[cfg(feature = "snapshot")]
 impl Persist for Moments {
     fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
         let room = |rows: usize, columns: usize| (rows, columns);

@@ -11,6 +11,7 @@ use super::moments::{Moments, NewRows};
 use crate::dictionary::{Dictionary, Thinning, capacity};
 use crate::kernel::Scalar;
 use crate::kernel::products::{add_product, add_square};
+#[cfg(feature = "snapshot")]
 use crate::parts::{Parts, PartsError, Persist};
 
 /// How frames fade.
@@ -82,8 +83,9 @@ impl<T: Scalar> Chunk<T> {
     }
 }
 
+#[cfg(feature = "snapshot")]
 impl<T: Scalar> Chunk<T> {
-    /// Put away or make again; of the matrices only the columns in use are kept.
+    /// Save or restore; of the matrices only the columns in use are kept.
     fn persist(&mut self, parts: &mut Parts, size: usize, budget: usize) -> Result<(), PartsError> {
         let (mut x, mut v) = (Mat::new(), Mat::new());
         if !parts.is_restoring() {
@@ -113,6 +115,7 @@ impl<T: Scalar> Chunk<T> {
     }
 }
 
+#[cfg(feature = "snapshot")]
 impl<T: Scalar> Persist for Retained<T> {
     fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
         let mut count = self.chunks.len();
@@ -172,6 +175,7 @@ impl<T: Scalar> Retained<T> {
     }
 
     /// Coordinates of a frame, if there is one.
+    #[cfg(feature = "snapshot")]
     pub fn coordinates(&self) -> Option<usize> {
         self.chunks.back().map(|chunk| chunk.v.nrows())
     }

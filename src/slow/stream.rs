@@ -8,6 +8,7 @@ use super::moments::{MOST_COORDINATES, Moments};
 use super::retained::{Fading, Frames, Retained};
 use crate::dictionary::{Block, Dictionary, DictionaryError, FeatureMap, Selection, capacity};
 use crate::kernel::{Scalar, is_usable_norm, squared_norms};
+#[cfg(feature = "snapshot")]
 use crate::parts::{Parts, PartsError, Persist};
 
 /// Options of a [`SlowStream`].
@@ -298,6 +299,7 @@ impl<T: Scalar> SlowStream<T> {
     }
 
     /// The coordinates that its parts know of.
+    #[cfg(feature = "snapshot")]
     fn sizes_fit(&self) -> bool {
         let (m, known) = (self.dictionary().len(), self.moments.size());
         known <= m && self.retained.coordinates().is_none_or(|of_frames| of_frames == known)
@@ -366,6 +368,7 @@ impl<T: Scalar> SlowStream<T> {
 }
 
 /// A stream is made again into a new one with the same selection, parameters and options.
+#[cfg(feature = "snapshot")]
 impl<T: Scalar> Persist for SlowStream<T> {
     fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
         parts.scope("selection", |parts| self.selection.persist(parts))?;

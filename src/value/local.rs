@@ -17,10 +17,10 @@ use std::ops::Range;
 use faer::linalg::matmul::matmul;
 use faer::linalg::solvers::Solve;
 use faer::{Accum, Mat, MatRef, Par, Side};
-use rayon::prelude::*;
 
 use super::error::{discount, finite_list, finite_matrix, parameter};
 use super::{Fit, ValueError};
+use crate::kernel::products::map_all;
 
 /// States whose neighbours are searched in one product.
 const AT_ONCE: usize = 128;
@@ -267,15 +267,16 @@ impl<'a> Local<'a> {
             return Err(ValueError::Length { what: "the ends", found: ends.ncols(), expected: instances.len() });
         }
         instances.check_points("ends", ends)?;
-        let starts: Vec<usize> = (0..ends.ncols()).step_by(AT_ONCE).collect();
-        let of_block = |start: usize| {
+        let of_block = |number: usize| {
+            let start = number * AT_ONCE;
             let block = ends.subcols(start, AT_ONCE.min(ends.ncols() - start));
             let mut of_action: Vec<_> =
                 (0..instances.counts.len()).map(|a| instances.neighbours(a, block).into_iter()).collect();
             let next = |_| of_action.iter_mut().map(|near| near.next().unwrap_or_default()).collect();
             (0..block.ncols()).map(next).collect::<Vec<Vec<Neighbours>>>()
         };
-        Ok(Local { instances, after: starts.into_par_iter().flat_map_iter(of_block).collect() })
+        let blocks = map_all(ends.ncols().div_ceil(AT_ONCE), of_block);
+        Ok(Local { instances, after: blocks.into_iter().flatten().collect() })
     }
 
     /// What each transition is worth, for one task, as the one column of [`Fit::weights`]: for [`Instances::action_values`].
@@ -316,7 +317,7 @@ impl<'a> Local<'a> {
                 let values = (0..actions).filter(|&b| may(i, b)).map(|b| told(&self.after[i][b], &worth));
                 (outcomes.rewards[i] + gamma * values.fold(f64::NEG_INFINITY, f64::max)).clamp(least, most)
             };
-            let new: Vec<f64> = (0..n).into_par_iter().map(of).collect();
+            let new: Vec<f64> = map_all(n, of);
             let size = new.iter().fold(0.0f64, |size, value| size.max(value.abs()));
             let change = new.iter().zip(&worth).fold(0.0f64, |change, (new, old)| change.max((new - old).abs()));
             worth = new;

@@ -4,9 +4,8 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::batch::Batch;
+use super::batch::{Batch, Eye};
 use super::distractors::{Distractor, Present};
-use super::views::Eye;
 use super::{Camera, Image, Pose};
 use crate::gpu::{Choice, Gpu};
 use crate::scenario::{Happens, Scenario};

@@ -14,6 +14,10 @@ mod noise;
 mod pyramids;
 mod sensor;
 mod texture;
+#[cfg(feature = "gpu")]
+mod views;
+#[cfg(not(feature = "gpu"))]
+#[path = "views/absent.rs"]
 mod views;
 
 pub use arena::Arena;

@@ -72,11 +72,13 @@ impl TextureMap {
     }
 
     /// Texels along and upwards.
+    #[cfg(feature = "gpu")]
     pub fn size(&self) -> (usize, usize) {
         (self.width, self.height)
     }
 
     /// Red, green, blue from the lowest byte on; column by column, each upwards.
+    #[cfg(feature = "gpu")]
     pub fn texels(&self) -> &[u32] {
         &self.texels
     }

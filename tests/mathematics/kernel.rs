@@ -1,7 +1,9 @@
 //! Kernels and their principal components against known answers.
 
 use crate::common::{generator, random_path, relative_difference};
-use adagio::kernel::{Approximation, Form, Kernel, KernelError, KernelPca, Scaling, median_distance, squared_norms};
+#[cfg(feature = "snapshot")]
+use adagio::kernel::Form;
+use adagio::kernel::{Approximation, Kernel, KernelError, KernelPca, Scaling, median_distance, squared_norms};
 use faer::{Mat, MatRef, Par, Side};
 use proptest::prelude::*;
 use rand::RngExt;
@@ -95,6 +97,7 @@ fn a_zero_vector_has_no_direction() {
     assert_eq!(Kernel::normalised_polynomial(2).unwrap().diagonal(0.0), 0.0);
 }
 
+#[cfg(feature = "snapshot")]
 #[test]
 fn a_kernel_is_stored_as_its_form_and_an_invalid_form_is_not_read() {
     for kernel in [
@@ -119,6 +122,7 @@ fn pixels(d: usize, n: usize, seed: u64) -> Mat<f32> {
 }
 
 /// More observations than one tile holds, in both directions.
+#[cfg(feature = "rayon")]
 #[test]
 fn a_block_has_the_bits_of_single_values_on_any_number_of_threads() {
     let (s, x) = (pixels(48, 1100, 1), pixels(48, 530, 2));

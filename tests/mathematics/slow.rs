@@ -269,6 +269,7 @@ proptest! {
 }
 
 /// Large enough that everything is cut into parts.
+#[cfg(feature = "rayon")]
 #[test]
 fn a_stream_has_the_same_bits_on_any_number_of_threads() {
     let (n, budget) = (1500, 700);

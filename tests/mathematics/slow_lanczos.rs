@@ -121,6 +121,7 @@ fn the_residual_is_what_it_says() {
 }
 
 /// The same bits for any number of threads.
+#[cfg(feature = "rayon")]
 #[test]
 fn threads_do_not_change_a_bit() {
     fix_parallelism();

@@ -1,6 +1,6 @@
 //! Policy iteration against a plain form of itself: each policy's system built anew, sample by sample.
 
-use adagio::random::{fix_parallelism, stream};
+use adagio::random::stream;
 use adagio::value::{Fit, Lspi, LspiOptions, Outcomes, Samples, greedy, solve_or_pseudo_inverse};
 use faer::{Mat, Par};
 use proptest::prelude::*;
@@ -126,9 +126,10 @@ proptest! {
     }
 }
 
+#[cfg(feature = "rayon")]
 #[test]
 fn threads_do_not_change_the_bits() {
-    fix_parallelism();
+    adagio::random::fix_parallelism();
     let problem = Problem::random(70, 3000, 3, true, 1);
     let options = LspiOptions { mixing: 0.3, ridge: 0.1, ..LspiOptions::default() };
     let one = problem.lspi(Par::Seq).fit(&problem.outcomes(), &options).unwrap();

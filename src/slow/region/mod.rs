@@ -20,12 +20,12 @@ mod band;
 use std::f64::consts::SQRT_2;
 
 use faer::{Mat, MatRef, Par};
-use rayon::prelude::*;
 use thiserror::Error;
 
 use self::band::Band;
 use super::error::SlowError;
 use super::lanczos;
+use crate::kernel::products::map_all;
 
 /// The most cells of a region: its factor then takes at most some GiB.
 pub const MOST_CELLS: usize = 1 << 18;
@@ -208,8 +208,7 @@ impl Region {
         let shift = (std::f64::consts::PI / longest).powi(2);
         let factor = Band::factor(self, shift);
         let operator = |x: Mat<f64>| {
-            let columns: Vec<Vec<f64>> =
-                (0..x.ncols()).into_par_iter().map(|j| factor.solve(x.col(j).iter().copied().collect())).collect();
+            let columns: Vec<Vec<f64>> = map_all(x.ncols(), |j| factor.solve(x.col(j).iter().copied().collect()));
             Mat::from_fn(n, x.ncols(), |i, j| columns[j][i])
         };
         let (values, vectors) = if lanczos::fits(n, k + 1) {

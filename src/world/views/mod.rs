@@ -17,8 +17,8 @@ use wgpu::{
 };
 
 use self::scene::{Scene, Words};
-use super::distractors::Present;
-use super::{Camera, Image, Pose};
+use super::batch::{Eye, on_all_threads};
+use super::{Camera, Image};
 use crate::gpu::{Gpu, GpuError};
 
 /// Pixels rendered at once, at most: 50 MB of colours, for each of two parts here and on the device.
@@ -33,14 +33,6 @@ const FEWEST_AT_ONCE: usize = 32;
 /// Threads of a group, each of which finds the colours of [`FOUR`] pixels, see `views.wgsl`.
 const THREADS: usize = 128;
 const FOUR: usize = 4;
-
-/// What is seen from where.
-pub struct Eye<'a> {
-    /// Of the robot.
-    pub pose: &'a Pose,
-    /// Distractors as they are then: as many for each view.
-    pub distractors: &'a [Present],
-}
 
 /// The renderer of a camera's views.
 pub struct Views {
@@ -282,22 +274,3 @@ fn filled(gpu: &Gpu, label: &str, usage: BufferUsages, contents: &[u8]) -> Buffe
     gpu.queue().write_buffer(&buffer, 0, contents);
     buffer
 }
-
-/// Do something with each item, on as many threads as there are cores, each of them with a part of its own.
-///
-/// Not by rayon: whoever waits there takes up other work, which may wait for the same device.
-pub(super) fn on_all_threads<T: Send>(items: &mut [T], work: impl Fn(usize, &mut T) + Sync) {
-    let all = |first: usize, part: &mut [T]| part.iter_mut().enumerate().for_each(|(i, item)| work(first + i, item));
-    let threads = std::thread::available_parallelism().map_or(1, usize::from);
-    let size = items.len().div_ceil(threads).max(FEWEST_FOR_A_THREAD);
-    if items.len() <= size {
-        return all(0, items);
-    }
-    std::thread::scope(|scope| {
-        let parts = items.chunks_mut(size).enumerate();
-        parts.for_each(|(number, part)| drop(scope.spawn(move || all(number * size, part))));
-    });
-}
-
-/// A thread takes as long to start as this many small views take to be copied.
-const FEWEST_FOR_A_THREAD: usize = 32;

@@ -1,0 +1,25 @@
+//! The renderer of a program without the feature `gpu`: there are no values of it.
+
+use std::convert::Infallible;
+use std::sync::Arc;
+
+use super::batch::Eye;
+use super::{Camera, Image};
+use crate::gpu::{Gpu, GpuError};
+
+/// The renderer of a camera's views: none.
+pub struct Views(Infallible);
+
+impl Views {
+    pub fn new(_: Arc<Gpu>, _: Arc<Camera>) -> Result<Self, GpuError> {
+        Err(GpuError::Feature)
+    }
+
+    pub fn render(&mut self, _: &[Eye<'_>], _: &mut [Image]) -> Result<(), GpuError> {
+        match self.0 {}
+    }
+
+    pub fn rest(&mut self) {
+        match self.0 {}
+    }
+}
