@@ -6,9 +6,10 @@ use std::sync::atomic::AtomicBool;
 
 use serde::Serialize;
 
-use super::checkpoint::checkpoint_bytes;
-use super::run::{RunError, RunOptions, run};
-use super::status::Status;
+use super::error::RunError;
+use super::run::{RunOptions, run};
+use super::runtime::checkpoint::checkpoint_bytes;
+use super::runtime::status::Status;
 use crate::log::Nowhere;
 use crate::log::{LogError, LogOptions, Rotation, RunLog};
 use crate::scenario::{Method, Mode, Scenario, WhenBehind};

@@ -1,6 +1,6 @@
 //! What a run will hold in memory, and what the machine has.
 
-use super::perceive::stream_options;
+use super::actors::perceive::stream_options;
 use crate::dictionary::WhenFull;
 use crate::scenario::{Method as Values, Scenario, SelectionRule};
 use crate::slow::{Method, SlowStream, solve_bytes};

@@ -4,48 +4,36 @@
 //!  source ──frames──▶ perceive ──percepts──▶ act ──actions──▶ source
 //!                        │                    ▲
 //!                        └─moments──▶ solve ──▶ fit ──policies──┤
-//!                                                              └──▶ assess (trials beside the run)
-//!  all of them ──writes──▶ record (the log)
+//!                                                              └──▶ evaluate (trials beside the run)
+//!  all of them ──writes──▶ record (the log)        snapshots of the run ──▶ save
 //! ```
 //!
 //! Each actor is a plain type with a step; threads, clocks and queues stand outside of it, in [`run`]. In lockstep a model
 //! that was asked for at frame t takes effect at frame t + L exactly: the actor that acts waits for it there, and until
 //! then goes on with the model it has. Nothing else waits for a solver, so results do not depend on the threads' timing.
 //!
-//! Between two actions the actor that acts can send the state of the run the same way: each actor adds its own ([`Keep`]), and
-//! a run goes on from there as if it had not been interrupted.
+//! Between two actions the act actor can send a snapshot of the run the same way: each actor adds its state
+//! ([`SnapshotSettings`]), and a run goes on from there as if it had not been interrupted.
+//!
+//! `actors` has one file for each of them; `runtime` is what they run on, and knows none of them.
 
-mod act;
-mod checkpoint;
-mod clock;
-mod controls;
-mod crew;
-mod decide;
-mod fit;
+mod actors;
+mod error;
 mod forecast;
-mod goals;
-mod keep;
-mod loops;
-mod memory;
-mod messages;
-mod perceive;
-mod queue;
-mod record;
-mod rows;
-mod run;
-mod schedule;
 #[cfg(test)]
-mod schedules;
-mod solve;
-mod status;
-mod turns;
+mod interleavings;
+mod memory;
+mod run;
+mod runtime;
 
-pub use checkpoint::{CHECKPOINT_NAME, CheckpointError, KeptState, STATE_NAME, read_checkpoint, read_state};
-pub use clock::Timing;
-pub use controls::{Controls, TooMany};
-pub use decide::Keep;
+pub use actors::evaluate::CurvePoint;
+pub use error::{PerceiveError, RunError};
 pub use forecast::LogForecast;
 pub use memory::{Memory, machine_memory};
-pub use run::{CurvePoint, Outcome, RunError, RunOptions, run};
-pub use schedule::Course;
-pub use status::{Snapshot, Status, peak_resident_bytes, resident_bytes};
+pub use run::{Outcome, RunOptions, run};
+pub use runtime::checkpoint::{CHECKPOINT_NAME, CheckpointError, KeptState, STATE_NAME, read_checkpoint, read_state};
+pub use runtime::clock::Timing;
+pub use runtime::controls::{Controls, TooMany};
+pub use runtime::marker::Keep;
+pub use runtime::status::{Snapshot, Status, peak_resident_bytes, resident_bytes};
+pub use runtime::timing::Course;

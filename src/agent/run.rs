@@ -6,58 +6,34 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use serde::Serialize;
-use thiserror::Error;
-
-use super::act::Act;
-use super::checkpoint::{CHECKPOINT_NAME, CheckpointError, checkpoint_bytes};
-use super::clock::{Clock, Timing};
-use super::controls::Controls;
-use super::crew::{Crew, parallelism};
-use super::decide::{Deciding, Keep};
-use super::fit::FitPolicies;
-use super::keep::{Acting, Quiet};
-use super::loops::{self, Perceiving, Supply};
-use super::messages::{FitRequest, Item, Percept, SolveRequest, Update};
-use super::perceive::{Perceive, PerceiveError};
-use super::queue::queue;
-use super::record::{Level, Recorder, write_log};
-use super::schedule::{Course, Schedule};
-use super::solve::Solve;
-use super::status::Status;
-use super::turns::Turns;
+use super::actors::act::{Act, ActLoop, Acting};
+use super::actors::evaluate::{self, CurvePoint};
+use super::actors::fit::{FitLoop, FitPolicies};
+use super::actors::messages::{FitRequest, Item, Percept, SolveRequest, Update};
+use super::actors::perceive::{Perceive, PerceiveLoop};
+use super::actors::record::{Level, Recorder, write_log};
+use super::actors::solve::Solve;
+use super::actors::source::SourceLoop;
+use super::actors::{health, save};
+use super::error::RunError;
+use super::runtime::checkpoint::{CHECKPOINT_NAME, checkpoint_bytes};
+use super::runtime::clock::Timing;
+use super::runtime::controls::Controls;
+use super::runtime::interleaving::Turns;
+use super::runtime::marker::{Keep, Quiet};
+use super::runtime::queue::queue;
+use super::runtime::status::Status;
+use super::runtime::threads::{Crew, parallelism};
+use super::runtime::timing::{Course, Schedule};
 use crate::evaluate::Evaluator;
 use crate::gpu::Choice;
-use crate::log::{LogError, RunLog, RunTotals};
-use crate::parts::{Parts, PartsError};
+use crate::log::{RunLog, RunTotals};
+use crate::parts::Parts;
 use crate::policy::{Learned, Tally};
 use crate::random::fix_parallelism;
 use crate::scenario::{Renderer, Scenario, WhenBehind};
 use crate::source::{Frame, Source};
 use crate::world::{Action, World};
-
-/// Why a run ended early.
-#[derive(Debug, Error)]
-pub enum RunError {
-    /// Learning refused.
-    #[error(transparent)]
-    Perceive(#[from] PerceiveError),
-    /// The log could not be written.
-    #[error(transparent)]
-    Log(#[from] LogError),
-    /// The checkpoint could not be made.
-    #[error(transparent)]
-    Checkpoint(#[from] CheckpointError),
-    /// The state that the run was to go on from cannot be used.
-    #[error("the state of the run cannot be used: {0}")]
-    State(#[from] PartsError),
-    /// A thread could not be started.
-    #[error("cannot start a thread: {0}")]
-    Thread(std::io::Error),
-    /// An actor panicked: a defect of this program.
-    #[error("the actor {0} panicked: {1}; this is a defect, please report it")]
-    Panic(&'static str, String),
-}
 
 /// What a run is given beside its scenario.
 pub struct RunOptions<'a> {
@@ -102,26 +78,6 @@ impl<'a> RunOptions<'a> {
             flush_by_stamps: None,
         }
     }
-}
-
-/// One evaluation during a run.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct CurvePoint {
-    /// Frames seen.
-    pub frames: u64,
-    /// Actions executed.
-    pub actions: u64,
-    /// Support vectors.
-    pub support_vectors: usize,
-    /// Success, mean over tasks.
-    pub success: f64,
-    /// Convergence quality, mean over tasks.
-    pub convergence_quality: f64,
-    /// Slowness of the features, mean, 1/s².
-    pub slowness_mean: f64,
-    /// Root mean square angle between the spans of the slowest features (20 at most) of this model and the one evaluated
-    /// before, degrees; `None` for the first.
-    pub feature_drift_deg: Option<f64>,
 }
 
 /// What a run came to.
@@ -201,9 +157,9 @@ pub(super) fn run_in_turns(
     status.watch(gauge);
     let (updates_out, updates_in, gauge) = queue::<Update>("updates", capacity, turns);
     status.watch(gauge);
-    let (assess_out, assess_in, gauge) = queue::<(Arc<Learned>, u64)>("assess", 2, turns);
+    let (models_out, models_in, gauge) = queue::<(Arc<Learned>, u64)>("evaluate", 2, turns);
     status.watch(gauge);
-    let (keep_out, keep_in, gauge) = queue::<Item<Infallible>>("keep", 1, turns);
+    let (save_out, save_in, gauge) = queue::<Item<Infallible>>("save", 1, turns);
     status.watch(gauge);
     let (writes_out, writes_in, gauge) = queue("log", 8 * capacity, turns);
     status.watch(gauge);
@@ -227,7 +183,7 @@ pub(super) fn run_in_turns(
         parts.inner("fit", &mut fit)?;
     }
     let agent = &scenario.agent;
-    let supply = Supply {
+    let supply = SourceLoop {
         actions: actions_in,
         frames: frames_out,
         // A recording has dropped already what it dropped.
@@ -256,62 +212,25 @@ pub(super) fn run_in_turns(
             Ok(())
         })?;
         let (record, quiet) = (recorder.clone(), &quiet);
-        let perceiving = Perceiving { percepts: percepts_out, solve: solve_out, record, status, quiet };
+        let perceiving = PerceiveLoop { percepts: percepts_out, solve: solve_out, record, status, quiet };
         let perceive = crew.start("perceive", move || perceiving.run(perceiver, &frames_in))?;
-        let solver = crew.start("solve", move || {
-            let mut clock = Clock::new();
-            while let Ok(item) = solve_in.take() {
-                let done = match item {
-                    Item::Work(request) => Item::Work(clock.time(|| solve.step(request))),
-                    Item::Save(mark) => match mark.with("solve", &mut solve) {
-                        Some(mark) => Item::Save(mark),
-                        None => continue,
-                    },
-                };
-                if fit_out.put(done).is_err() {
-                    break;
-                }
-            }
-            Ok(clock)
-        })?;
-        let record = recorder.clone();
-        let fitter = crew.start("fit", move || {
-            let mut clock = Clock::new();
-            // Who computes changes no number, and a log of actors that take turns says nothing of it.
-            let mut told = turns.is_some();
-            while let Ok(item) = fit_in.take() {
-                let sent = match item {
-                    Item::Work(request) => {
-                        let update = clock.time(|| fit.step(request));
-                        if let Some(failed) = fit.kernel_values_by().and_then(|by| by.failed).filter(|_| !told) {
-                            told = true;
-                            let text = format!("kernel values: {failed}; the processor goes on");
-                            let _ = record.diagnostic(Level::Warn, status.snapshot().stamp_ns, text);
-                        }
-                        updates_out.put(update)
-                    }
-                    Item::Save(mark) => match mark.with("fit", &mut fit) {
-                        Some(mark) => keep_out.put(Item::Save(mark)),
-                        None => continue,
-                    },
-                };
-                if sent.is_err() {
-                    break;
-                }
-            }
-            Ok((clock, fit.kernel_values_by()))
-        })?;
+        let solver = crew.start("solve", move || Ok(solve.run(&solve_in, &fit_out)))?;
+        // Who computes changes no number, and a log of interleaved actors says nothing of it.
+        let (record, reports_device) = (recorder.clone(), turns.is_none());
+        let fitting =
+            FitLoop { requests: fit_in, updates: updates_out, save: save_out, record, status, reports_device };
+        let fitter = crew.start("fit", move || Ok(fitting.run(fit)))?;
         let (record, keep) = (recorder.clone(), options.keep.as_ref());
-        let keeper = crew.start("keep", move || loops::keep(&keep_in, keep, scenario, &record))?;
+        let keeper = crew.start("save", move || save::run(&save_in, keep, scenario, &record))?;
         let (record, evaluator, checkpoint) = (recorder.clone(), options.evaluator, options.checkpoint);
         let curve = options.curve;
-        let assess = crew.start("assess", move || {
-            loops::assess(&assess_in, evaluator, checkpoint, scenario, &record, status, curve)
+        let evaluations = crew.start("evaluate", move || {
+            evaluate::run(&models_in, evaluator, checkpoint, scenario, &record, status, curve)
         })?;
         let (record, stop, ended, controls) = (recorder.clone(), options.stop, &ended, options.controls);
         let most_actions = options.most_actions.unwrap_or(u64::MAX).min(scenario.actions as u64);
         let act = crew.start("act", move || {
-            let deciding = Deciding {
+            let acting_loop = ActLoop {
                 scenario,
                 schedule: &schedule,
                 most_actions,
@@ -324,9 +243,9 @@ pub(super) fn run_in_turns(
                 ended,
                 percepts: percepts_in,
                 updates: updates_in,
-                assess: assess_out,
+                models: models_out,
             };
-            deciding.run(acting, actions_out)
+            acting_loop.run(acting, actions_out)
         })?;
         let mut health = None;
         if let Some(turns) = turns {
@@ -335,11 +254,11 @@ pub(super) fn run_in_turns(
         } else {
             let (record, over) = (recorder.clone(), &over);
             health = Some(crew.start("health", move || {
-                loops::watch_health(&record, status, &world.looks, over);
+                health::run(&record, status, &world.looks, over);
                 Ok(())
             })?);
         }
-        let parts = (act.join(), perceive.join(), solver.join(), fitter.join(), assess.join());
+        let parts = (act.join(), perceive.join(), solver.join(), fitter.join(), evaluations.join());
         let not_kept = keeper.join().ok().flatten().flatten();
         over.store(true, Ordering::Relaxed);
         let _ = health.map(|health| health.join());
@@ -362,7 +281,7 @@ pub(super) fn run_in_turns(
         let log = log_thread.join();
         Ok((parts, not_kept, log, failure))
     });
-    let ((act, perceive, solver, fitter, assess), not_kept, log, failure) = parts?;
+    let ((act, perceive, solver, fitter, evaluations), not_kept, log, failure) = parts?;
     if let Some(error) = failure.or_else(|| failed.lock().unwrap_or_else(PoisonError::into_inner).take()) {
         return Err(error);
     }
@@ -382,7 +301,7 @@ pub(super) fn run_in_turns(
         seconds: begin.elapsed().saturating_sub(paused).as_secs_f64(),
         support_vectors: perceived.support_vectors,
         nu: perceived.nu,
-        curve: assess.ok().flatten().ok_or_else(|| lost("assess"))?,
+        curve: evaluations.ok().flatten().ok_or_else(|| lost("evaluate"))?,
         timing: Timing {
             act_p50: acted.clock.quantile_ms(0.5),
             act_p99: acted.clock.quantile_ms(0.99),

@@ -1,9 +1,11 @@
-//! The actor that turns moments into slow features.
+//! The solve actor: turns moments into slow features.
 
 use faer::{Mat, Par};
 
-use super::keep::slow_model;
-use super::messages::{FitRequest, SolveRequest};
+use super::messages::{FitRequest, Item, SolveRequest};
+use super::saved::slow_model;
+use crate::agent::runtime::clock::Clock;
+use crate::agent::runtime::queue::{Inbox, Outbox};
 use crate::dictionary::Dictionary;
 use crate::parts::{Parts, PartsError, Persist};
 use crate::scenario;
@@ -28,6 +30,24 @@ impl Solve {
     pub fn new(settings: &scenario::Slow, par: Par) -> Self {
         let options = SolveOptions { par, ..SolveOptions::default() };
         Solve { settings: settings.clone(), options, previous: None }
+    }
+
+    /// Its loop, until there are no more requests: how long solving took.
+    pub fn run(mut self, requests: &Inbox<Item<SolveRequest>>, solved: &Outbox<Item<FitRequest>>) -> Clock {
+        let mut clock = Clock::new();
+        while let Ok(item) = requests.take() {
+            let done = match item {
+                Item::Work(request) => Item::Work(clock.time(|| self.step(request))),
+                Item::Save(marker) => match marker.with("solve", &mut self) {
+                    Some(marker) => Item::Save(marker),
+                    None => continue,
+                },
+            };
+            if solved.put(done).is_err() {
+                break;
+            }
+        }
+        clock
     }
 
     /// Slow features for a request, or the last ones again if it brings nothing to make new ones of.

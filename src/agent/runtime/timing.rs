@@ -135,7 +135,7 @@ mod tests {
     use crate::scenario::Scenario;
 
     fn settings(mode: &str) -> Agent {
-        let text = include_str!("../../scenarios/smoke.toml");
+        let text = include_str!("../../../scenarios/smoke.toml");
         let sets = [
             format!("agent.mode=\"{mode}\""),
             "agent.resolve_frames=100".to_owned(),

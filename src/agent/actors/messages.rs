@@ -1,11 +1,10 @@
-//! What the actors say to each other.
+//! The messages between the actors.
 
 use std::sync::Arc;
 
-use super::goals::Judged;
-use super::keep::Mark;
+use crate::agent::runtime::marker::Marker;
 use crate::dictionary::Dictionary;
-use crate::policy::{Learned, Recent};
+use crate::policy::{Learned, Leg, Recent};
 use crate::slow::{Moments, SlowModel};
 use crate::value::{Fit, Transition};
 use crate::vision::Observation;
@@ -16,7 +15,16 @@ pub enum Item<T> {
     /// Work.
     Work(T),
     /// The state of the run, to which the actor adds its own.
-    Save(Box<Mark>),
+    Save(Box<Marker>),
+}
+
+/// What an action came to for the tasks.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Judged {
+    /// Reward of each task.
+    pub rewards: Vec<f64>,
+    /// Whether the robot is in each task's goal area.
+    pub in_goal: Vec<bool>,
 }
 
 /// From perceive to act: what was seen at the end of an action.
@@ -71,4 +79,34 @@ pub struct Update {
     pub fits: Vec<Fit>,
     /// Transitions it was made of.
     pub transitions: usize,
+}
+
+/// What was decided, and why.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Decision {
+    /// Number of the action, from 0.
+    pub number: usize,
+    /// The action.
+    pub action: Action,
+    /// What it is for.
+    pub leg: Leg,
+    /// Epoch of the policy, 0 without one.
+    pub epoch: u32,
+    /// Q-values of the pursued task.
+    pub q_values: Option<[f64; 3]>,
+    /// Whether a reflex replaced the policy's wish.
+    pub reflex: bool,
+}
+
+/// What a block of frames did to the dictionary.
+pub struct Growth {
+    pub first_frame: u64,
+    pub last_frame: u64,
+    pub stamp_ns: u64,
+    pub accepted: Vec<u64>,
+    pub quarantined: Vec<u64>,
+    pub size: usize,
+    pub sigma: f64,
+    pub nu: Option<f64>,
+    pub at_budget: bool,
 }

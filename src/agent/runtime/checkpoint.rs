@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use thiserror::Error;
 
-use super::keep::Mark;
+use super::marker::Marker;
 use crate::kernel::Kernel;
 use crate::parts::{Matrix, Parts, Values};
 use crate::policy::Learned;
@@ -303,7 +303,7 @@ fn state_digest(head: &StateHead, matrices: &BTreeMap<String, Matrix>) -> String
 ///
 /// # Errors
 /// The file system refused.
-pub fn write_state(path: &Path, mark: Mark, scenario: &Scenario) -> Result<(), CheckpointError> {
+pub fn write_state(path: &Path, mark: Marker, scenario: &Scenario) -> Result<(), CheckpointError> {
     let Parts { matrices, texts, .. } = mark.parts;
     let version = env!("CARGO_PKG_VERSION").to_owned();
     let (scenario_sha256, frame, stamp_ns) = (scenario.sha256(), mark.frame, mark.stamp_ns);
@@ -374,7 +374,7 @@ mod tests {
 
     #[test]
     fn a_scenario_that_another_version_explains_in_other_words_is_read_and_a_damaged_one_is_not() {
-        let text = include_str!("../../scenarios/lab.toml");
+        let text = include_str!("../../../scenarios/lab.toml");
         let mut scenario = Scenario::parse(text, Path::new("lab.toml"), &[]).unwrap();
         let values = 3 * scenario.vision.width * scenario.vision.height;
         let members = Mat::from_fn(values, 2, |i, j| ((7 * i + 3 * j) % 11) as f32);

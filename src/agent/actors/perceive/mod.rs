@@ -1,23 +1,25 @@
-//! The actor that sees and learns: vision, dictionary, moments, the window of transitions.
+//! The perceive actor: vision, dictionary, moments, the window of transitions.
+//!
+//! [`Perceive`] is the step; its loop is in `thread`, its saved form in `saved`.
+
+mod saved;
+mod thread;
+
+pub use thread::PerceiveLoop;
 
 use std::sync::Arc;
 
 use faer::{Mat, Par};
 use nalgebra::Point2;
-use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use super::crew::parallelism;
-use super::goals::Goals;
-use super::keep::{
-    Seen, action_of, link_bits, link_of, place_bits, place_of, put_window, recent_numbers, recent_of, take_window,
-    wrong,
-};
-use super::messages::{Lived, Percept, SolveRequest};
-use super::schedule::Schedule;
+use super::messages::{Growth, Lived, Percept, SolveRequest};
+use super::tasks::Goals;
+use crate::agent::error::PerceiveError;
+use crate::agent::runtime::threads::parallelism;
+use crate::agent::runtime::timing::Schedule;
 use crate::dictionary::{Ald, DictionaryError, Parameters, Reservoir, Selection, width_for_size};
 use crate::kernel::{Kernel, KernelError, median_distance};
-use crate::parts::{Parts, PartsError, Persist};
 use crate::policy::{Recent, Reflexes, columns};
 use crate::scenario::{self, Scenario, SelectionRule};
 use crate::slow::{Link, SlowError, SlowStream, StreamOptions};
@@ -25,22 +27,6 @@ use crate::source::{Frame, GoalMove, View};
 use crate::value::{Transition, Window};
 use crate::vision::{Observation, Observer};
 use crate::world::{Action, World};
-
-/// What learning can refuse.
-#[derive(Debug, Error)]
-pub enum PerceiveError {
-    /// No kernel width could be found.
-    #[error("no kernel width: {0}; set dictionary.sigma, or look at what the camera sees")]
-    Width(#[from] KernelError),
-    /// The dictionary refused a block of frames.
-    #[error("frames up to {last_frame} cannot be learned from: {cause}")]
-    Block {
-        /// The newest frame of the block.
-        last_frame: u64,
-        /// What the dictionary says.
-        cause: SlowError,
-    },
-}
 
 /// How many new support vectors are gathered before retained frames get their coordinates.
 const SETTLE_AT: usize = 128;
@@ -56,19 +42,6 @@ struct Pending {
     /// For the last frame of an action: where it ended, and which actions may follow, as bits.
     boundary: Option<(Point2<f64>, u32)>,
     action: Option<Action>,
-}
-
-/// What a block of frames did to the dictionary.
-pub struct Growth {
-    pub first_frame: u64,
-    pub last_frame: u64,
-    pub stamp_ns: u64,
-    pub accepted: Vec<u64>,
-    pub quarantined: Vec<u64>,
-    pub size: usize,
-    pub sigma: f64,
-    pub nu: Option<f64>,
-    pub at_budget: bool,
 }
 
 /// What came of a frame.
@@ -333,86 +306,7 @@ impl Perceive {
     }
 }
 
-/// A frame that waits, with its observation named by its frame.
-#[derive(Serialize, Deserialize)]
-struct Waiting {
-    frame: u64,
-    link: Option<(u64, u64)>,
-    came_to: Option<([u64; 2], u32)>,
-    action: Option<usize>,
-}
-
-/// It is made again into a new one of the same scenario.
-impl Persist for Perceive {
-    fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
-        let kernel = self.stream.as_ref().map(|stream| stream.dictionary().kernel());
-        let mut sigma = kernel.and_then(|kernel| kernel.sigma()).map(f64::to_bits);
-        parts.value("sigma", &mut sigma)?;
-        if parts.is_restoring() {
-            let begun = sigma.map(|bits| self.stream_of_width(f64::from_bits(bits))).transpose();
-            self.stream = begun.map_err(|cause| wrong("sigma", cause))?;
-        }
-        if let Some(stream) = &mut self.stream {
-            parts.inner("stream", stream)?;
-        }
-        parts.inner("goals", &mut self.goals)?;
-        parts.value("last_number", &mut self.last_number)?;
-        let mut recent = recent_numbers(self.recent);
-        parts.value("recent", &mut recent)?;
-        self.recent = recent_of(parts, recent)?;
-        parts.value("owed", &mut self.owed)?;
-        parts.value("refit", &mut self.refit)?;
-        parts.value("last_request", &mut self.last_request)?;
-        parts.value("frames", &mut self.frames)?;
-        parts.value("stamp_ns", &mut self.stamp_ns)?;
-        let values = 3 * self.scenario.vision.width * self.scenario.vision.height;
-        if parts.is_restoring() { self.take_seen(parts, values) } else { self.put_seen(parts, values) }
-    }
-}
-
 impl Perceive {
-    fn put_seen(&self, parts: &mut Parts, values: usize) -> Result<(), PartsError> {
-        let mut seen = Seen::default();
-        put_window(&self.window, &mut seen, parts)?;
-        let mut last_boundary = self.last_boundary.as_ref().map(|(before, cell)| (seen.add(before), *cell));
-        let mut pending: Vec<Waiting> = self
-            .pending
-            .iter()
-            .map(|frame| Waiting {
-                frame: seen.add(&frame.observation),
-                link: frame.link.map(link_bits),
-                came_to: frame.boundary.map(|(place, allowed)| (place_bits(place), allowed)),
-                action: frame.action.map(Action::index),
-            })
-            .collect();
-        parts.value("last_boundary", &mut last_boundary)?;
-        parts.value("pending", &mut pending)?;
-        seen.persist(parts, values)
-    }
-
-    fn take_seen(&mut self, parts: &mut Parts, values: usize) -> Result<(), PartsError> {
-        let mut seen = Seen::default();
-        seen.persist(parts, values)?;
-        self.window = take_window(self.scenario.value.window, &seen, parts)?;
-        let (mut last_boundary, mut pending): (Option<(u64, usize)>, Vec<Waiting>) = (None, Vec::new());
-        parts.value("last_boundary", &mut last_boundary)?;
-        parts.value("pending", &mut pending)?;
-        self.last_boundary = match last_boundary {
-            Some((frame, cell)) => Some((seen.get(frame)?, cell)),
-            None => None,
-        };
-        let frame = |waiting: Waiting| {
-            Ok(Pending {
-                observation: seen.get(waiting.frame)?,
-                link: waiting.link.map(link_of),
-                boundary: waiting.came_to.map(|(place, allowed)| (place_of(place), allowed)),
-                action: waiting.action.map(|number| action_of(parts, number)).transpose()?,
-            })
-        };
-        self.pending = pending.into_iter().map(frame).collect::<Result<_, PartsError>>()?;
-        Ok(())
-    }
-
     /// Whether the frames of all actions of the scenario have been seen.
     pub fn has_all_frames(&self) -> bool {
         let end = self.scenario.actions * self.scenario.robot.frames_per_action;
@@ -473,12 +367,13 @@ impl Begin {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::parts::{Parts, Persist};
     use crate::source::Boundary;
     use crate::world::Pose;
 
     #[test]
     fn percepts_know_the_turn_before_a_push_until_a_recording_is_interrupted() {
-        let text = include_str!("../../scenarios/lab.toml");
+        let text = include_str!("../../../../scenarios/lab.toml");
         let scenario = Arc::new(Scenario::parse(text, std::path::Path::new("lab.toml"), &[]).unwrap());
         let world = Arc::new(World::new(&scenario).unwrap());
         let schedule = || Arc::new(Schedule::new(&scenario.agent, None));

@@ -1,15 +1,13 @@
-//! Writing the log: what each event becomes as messages, and the actor that owns the writer.
+//! The record actor, which owns the log, and the messages that each event becomes in it.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use faer::Mat;
 
-use super::act::Decision;
-use super::messages::{Percept, SolveRequest, Update};
-use super::perceive::Growth;
-use super::queue::{Closed, Inbox, Outbox};
-use super::status::Snapshot;
+use super::messages::{Decision, Growth, Percept, SolveRequest, Update};
+use crate::agent::runtime::queue::{Closed, Inbox, Outbox};
+use crate::agent::runtime::status::Snapshot;
 use crate::evaluate::TaskResult;
 use crate::log::messages as msg;
 use crate::log::{LogError, Message, RunLog, RunTotals, Topic, topics};

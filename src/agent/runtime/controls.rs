@@ -1,7 +1,7 @@
 //! What a person who watches a run asks of it: to pause, and to move a goal.
 //!
 //! The run looks at this once per action, and waits for nobody but while it is paused. That a run is to end is said by
-//! [`RunOptions::stop`](super::RunOptions::stop), as for the first Ctrl-C; it ends a pause, too.
+//! [`RunOptions::stop`](crate::agent::RunOptions::stop), as for the first Ctrl-C; it ends a pause, too.
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -84,12 +84,12 @@ impl Controls {
     }
 
     /// Take all moves that wait, for the run.
-    pub(super) fn take_moves(&self) -> Vec<GoalMove> {
+    pub(in crate::agent) fn take_moves(&self) -> Vec<GoalMove> {
         self.lock().moves.drain(..).collect()
     }
 
     /// For the run: stand still until no pause is wanted any more or the run is to end; how long that was.
-    pub(super) fn wait(&self, stop: &AtomicBool) -> Duration {
+    pub(in crate::agent) fn wait(&self, stop: &AtomicBool) -> Duration {
         let begin = Instant::now();
         let mut state = self.lock();
         state.since = Some(begin);

@@ -4,20 +4,12 @@ use std::sync::Arc;
 
 use nalgebra::Point2;
 
-use super::keep::wrong;
+use super::messages::Judged;
+use super::saved::wrong;
 use crate::parts::{Parts, PartsError, Persist};
 use crate::scenario::{Happens, Scenario, Task};
 use crate::source::GoalMove;
 use crate::world::{World, in_goal};
-
-/// What an action came to for the tasks.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Judged {
-    /// Reward of each task.
-    pub rewards: Vec<f64>,
-    /// Whether the robot is in each task's goal area.
-    pub in_goal: Vec<bool>,
-}
 
 /// The tasks of a run, with their goals where they are now.
 pub struct Goals {

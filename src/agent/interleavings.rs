@@ -12,9 +12,9 @@ use std::time::Duration;
 
 use rand::RngExt;
 
-use super::decide::Keep;
 use super::run::run_in_turns;
-use super::turns::Turns;
+use super::runtime::interleaving::Turns;
+use super::runtime::marker::Keep;
 use super::{Course, Outcome, RunOptions, Status};
 use crate::log::messages::{Decision, FrameTaken, ModelRequest, ModelUpdate};
 use crate::log::run::{Nowhere, Repeating};

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, TryRecvError, TrySendError, bounded};
 
-use super::turns::{StirWhenDropped, Turns};
+use super::interleaving::{StirWhenDropped, Turns};
 
 /// The depth of a queue, for those who watch.
 #[derive(Debug, Clone)]

@@ -53,11 +53,11 @@ impl Status {
         snapshot
     }
 
-    pub(super) fn update(&self, change: impl FnOnce(&mut Snapshot)) {
+    pub(in crate::agent) fn update(&self, change: impl FnOnce(&mut Snapshot)) {
         change(&mut lock(&self.inner));
     }
 
-    pub(super) fn watch(&self, gauge: Gauge) {
+    pub(in crate::agent) fn watch(&self, gauge: Gauge) {
         lock(&self.gauges).push(gauge);
     }
 }

@@ -1,16 +1,21 @@
-//! The actor that fits policies on new features, for all tasks from the same window of transitions.
+//! The fit actor: policies on new features, for all tasks from the same window of transitions.
 //!
 //! Values know the reflexes: what may follow an action is all that they count on. Without that, the greedy policy
 //! turns a little too far, because it believes that it may turn back, and the reflexes then send it round the whole circle.
 
 use std::collections::BTreeMap;
+use std::convert::Infallible;
 use std::sync::Arc;
 
 use faer::{Mat, Par};
 use rayon::prelude::*;
 
-use super::messages::{FitRequest, Lived, Update};
-use super::rows::KernelRows;
+use super::kernel_rows::KernelRows;
+use super::messages::{FitRequest, Item, Lived, Update};
+use super::record::{Level, Recorder};
+use crate::agent::runtime::clock::Clock;
+use crate::agent::runtime::queue::{Inbox, Outbox};
+use crate::agent::runtime::status::Status;
 use crate::gpu::Choice;
 use crate::parts::{Parts, PartsError, Persist};
 use crate::policy::{Learned, columns, points};
@@ -152,6 +157,45 @@ impl FitPolicies {
 impl Persist for FitPolicies {
     fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
         parts.value("epoch", &mut self.epoch)
+    }
+}
+
+/// What the fit actor is connected to.
+pub struct FitLoop<'a> {
+    pub requests: Inbox<Item<FitRequest>>,
+    pub updates: Outbox<Update>,
+    pub save: Outbox<Item<Infallible>>,
+    pub record: Recorder,
+    pub status: &'a Status,
+    /// Whether a graphics processor that fails goes into the log.
+    pub reports_device: bool,
+}
+
+impl FitLoop<'_> {
+    /// Fit until there are no more requests: how long fitting took, and who computed the kernel values.
+    pub fn run(self, mut fit: FitPolicies) -> (Clock, Option<Choice>) {
+        let (mut clock, mut reports) = (Clock::new(), self.reports_device);
+        while let Ok(item) = self.requests.take() {
+            let sent = match item {
+                Item::Work(request) => {
+                    let update = clock.time(|| fit.step(request));
+                    if let Some(failed) = fit.kernel_values_by().and_then(|by| by.failed).filter(|_| reports) {
+                        reports = false;
+                        let text = format!("kernel values: {failed}; the processor goes on");
+                        let _ = self.record.diagnostic(Level::Warn, self.status.snapshot().stamp_ns, text);
+                    }
+                    self.updates.put(update)
+                }
+                Item::Save(marker) => match marker.with("fit", &mut fit) {
+                    Some(marker) => self.save.put(Item::Save(marker)),
+                    None => continue,
+                },
+            };
+            if sent.is_err() {
+                break;
+            }
+        }
+        (clock, fit.kernel_values_by())
     }
 }
 

@@ -6,8 +6,8 @@ use std::thread::{Builder, Scope, ScopedJoinHandle};
 
 use faer::Par;
 
-use super::run::RunError;
-use super::turns::Turns;
+use super::interleaving::Turns;
+use crate::agent::error::RunError;
 use crate::scenario;
 
 /// Threads for the matrix products of an actor. Their bits do not depend on it.

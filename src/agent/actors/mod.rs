@@ -1,0 +1,15 @@
+//! The actors of a run, one file each: its state, its pure step, its loop.
+
+pub mod act;
+pub mod evaluate;
+pub mod fit;
+pub mod health;
+mod kernel_rows;
+pub mod messages;
+pub mod perceive;
+pub mod record;
+pub mod save;
+mod saved;
+pub mod solve;
+pub mod source;
+mod tasks;
