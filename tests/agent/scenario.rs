@@ -57,7 +57,7 @@ fn the_lab_is_the_one_of_the_thesis() {
     assert!(lab.world.walls.iter().all(|wall| wall.height == 0.9));
     assert_eq!((lab.tasks[0].goal, lab.tasks[0].radius), ([1.5, 0.9], 0.20));
     assert_eq!((lab.tasks[1].goal, lab.tasks[1].radius), ([2.4, 0.6], 0.45));
-    // All but its reward near walls, −1 within 0.5 m, which costs steps between walls (docs/navigation.md).
+    // All but its reward near walls, −1 within 0.5 m, which costs steps between walls (docs/tried.md).
     assert!(lab.tasks.iter().all(|task| (task.reward, task.wall_reward, task.wall_distance) == (1.0, -0.3, 0.3)));
     assert!(lab.actions <= 15_000);
 }
