@@ -20,7 +20,7 @@ fn run(text: &str, arguments: &[&str]) -> Value {
 }
 
 /// The first gate is 99 % of 1000 starts with quality 0.8 at the end of a run; this is a third of one with 200 starts, so 98 % are
-/// asked for. Over linear values the small goal has a quality of 0.4 after a whole run (docs/navigation.md).
+/// asked for. Over linear values small goals off the centre are missed (docs/tried.md).
 #[test]
 fn in_the_lab_all_goals_are_reached_after_five_thousand_actions() {
     let found = run(&lab(), &["--seed", "21", "--actions", "5000", "--set", "evaluate.starts=200"]);

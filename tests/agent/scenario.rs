@@ -1,5 +1,6 @@
 //! Scenario files: all faults at once, each with its line, key, value and allowed range.
 
+use std::fmt::Write as _;
 use std::path::Path;
 
 use crate::common::package_file;
@@ -56,7 +57,7 @@ fn the_lab_is_the_one_of_the_thesis() {
     assert!(lab.world.walls.iter().all(|wall| wall.height == 0.9));
     assert_eq!((lab.tasks[0].goal, lab.tasks[0].radius), ([1.5, 0.9], 0.20));
     assert_eq!((lab.tasks[1].goal, lab.tasks[1].radius), ([2.4, 0.6], 0.45));
-    // All but its reward near walls, −1 within 0.5 m, which costs steps between walls (docs/navigation.md).
+    // All but its reward near walls, −1 within 0.5 m, which costs steps between walls (docs/tried.md).
     assert!(lab.tasks.iter().all(|task| (task.reward, task.wall_reward, task.wall_distance) == (1.0, -0.3, 0.3)));
     assert!(lab.actions <= 15_000);
 }
@@ -196,4 +197,86 @@ fn an_image_file_can_paper_a_wall() {
     // The complete file names the picture by its absolute path, so it can be read from anywhere.
     let again = Scenario::parse(&scenario.text, Path::new("elsewhere/again.toml"), &[]).unwrap();
     assert_eq!(again.world.walls[0].texture.image, scenario.world.walls[0].texture.image);
+}
+
+/// In docs/scenario.md everything below this line is made by [`reference`]; what is above is written by hand.
+const REFERENCE: &str =
+    "<!-- Everything below is made from the keys: ADAGIO_BLESS=1 cargo test --release --test agent reference -->\n";
+
+/// A scenario with every kind of section, each with the keys alone that it needs.
+const EVERYTHING: &str = "
+[[world.room]]
+corners = [[0.0, 0.0], [3.0, 1.8]]
+[[world.wall]]
+points = [[1.0, 0.0], [1.1, 0.0]]
+[[world.pyramid]]
+[[world.distractor]]
+path = [[1.0, 1.0], [2.0, 1.0]]
+[[change]]
+kind = \"light\"
+[[change]]
+kind = \"wall\"
+[[change]]
+kind = \"goal\"
+[[change]]
+kind = \"freeze\"
+[[change]]
+kind = \"lose\"
+[[task]]
+";
+
+/// The reference of all keys in Markdown: a table for each section of a complete scenario.
+fn reference() -> String {
+    let missing = faults_of("[[world.room]]\n[[world.wall]]\n[[world.distractor]]\n", &[]);
+    let is_required = |key: &str| missing.iter().any(|fault| fault.key.rsplit('.').next() == Some(key));
+    let written = Scenario::parse(EVERYTHING, Path::new("FILE.toml"), &[]).unwrap().text;
+    let mut out = String::new();
+    // The top of the file has no title; its keys come first.
+    for section in format!("\nTop of the file\n{written}").split("\n\n") {
+        let (head, keys) = section.trim_start().split_once('\n').unwrap();
+        let (title, doc) = head.split_once("  # ").unwrap_or((head, ""));
+        let mut title = if title.starts_with('[') { format!("`{title}`") } else { title.to_owned() };
+        // The other sides of a room have the same keys.
+        if ["east", "north", "west"].iter().any(|side| title == format!("`[world.room.{side}]`")) {
+            continue;
+        }
+        let rows: Vec<(&str, &str, &str)> = keys
+            .lines()
+            .map(|line| {
+                let (setting, meaning) = line.split_once(" # ").unwrap();
+                let (key, value) = setting.trim_end().split_once(" = ").unwrap();
+                (key, value, meaning)
+            })
+            .collect();
+        if let Some((_, kind, _)) = rows.iter().find(|row| row.0 == "kind") {
+            let _ = write!(title, " with `kind = {kind}`");
+        }
+        let _ = writeln!(out, "\n## {title}\n");
+        if !doc.is_empty() {
+            let _ = writeln!(out, "{doc}\n");
+        }
+        let _ = writeln!(out, "| key | default | unit, allowed values: meaning |\n|---|---|---|");
+        for (key, value, meaning) in rows {
+            let value = if is_required(key) { "required".to_owned() } else { format!("`{value}`") };
+            let _ = writeln!(out, "| `{key}` | {value} | {} |", meaning.replace('|', "\\|"));
+        }
+    }
+    out
+}
+
+#[test]
+fn the_reference_in_the_docs_is_what_the_keys_say() {
+    let path = package_file("docs/scenario.md");
+    let page = std::fs::read_to_string(&path).unwrap();
+    let (head, stands) = page.split_once(REFERENCE).unwrap();
+    let reference = reference();
+    if std::env::var("ADAGIO_BLESS").is_ok_and(|value| value == "1") {
+        std::fs::write(&path, format!("{head}{REFERENCE}{reference}")).unwrap();
+        return;
+    }
+    let differs = reference.lines().zip(stands.lines().chain([""])).find(|(made, stands)| made != stands);
+    assert!(
+        stands == reference,
+        "docs/scenario.md is not what the keys say, first at {differs:?}: write it again with ADAGIO_BLESS=1 (see CONTRIBUTING.md)"
+    );
 }
