@@ -11,9 +11,11 @@ use common::operations::ACTIONS;
 use common::{Size, allowed, max_m, operations, simulation, standard};
 
 use adagio::policy::{Learned, Recent, Reflexes};
+use adagio::robot::Action;
 use adagio::scenario::Vision;
+use adagio::vision::Image;
 use adagio::vision::observe;
-use adagio::world::{Action, Image, World};
+use adagio::world::World;
 use divan::Bencher;
 
 fn main() {
@@ -79,13 +81,13 @@ impl Robot {
                     n / ACTIONS,
                 ),
             },
-            reflexes: Reflexes::new(&scenario.policy),
+            reflexes: Reflexes::new(&scenario),
         }
     }
 
     fn decide(&self, image: &Image) -> Action {
         let observation = observe(image, &self.vision, 0);
-        self.reflexes.best(self.learned.q_values(&observation, 0), Recent::default()).0
+        self.reflexes.best(&self.learned.q_values(&observation, 0), Recent::default()).0
     }
 }
 

@@ -12,8 +12,10 @@ use common::simulation;
 
 use adagio::gpu::{Adapters, Gpu, GpuError, Of, Rows, Tile};
 use adagio::kernel::{Kernel, squared_norms};
+use adagio::robot::Pose;
 use adagio::slow::SlowModel;
-use adagio::world::{Image, Looks, Pose, World};
+use adagio::vision::Image;
+use adagio::world::{Looks, World};
 use faer::{Mat, MatRef, Par};
 use rayon::prelude::*;
 

@@ -7,9 +7,11 @@ use std::sync::Arc;
 use common::simulation;
 
 use adagio::random;
+use adagio::robot::Pose;
 use adagio::scenario::Scenario;
+use adagio::vision::Image;
 use adagio::vision::{Observer, observe};
-use adagio::world::{Image, Pose, Sensor, World};
+use adagio::world::{Sensor, World};
 use divan::Bencher;
 use divan::counter::ItemsCount;
 

@@ -132,6 +132,8 @@ pub mod replay;
 #[cfg(feature = "report")]
 pub mod report;
 #[cfg(feature = "agent")]
+pub mod robot;
+#[cfg(feature = "agent")]
 pub mod scenario;
 pub mod slow;
 #[cfg(feature = "report")]

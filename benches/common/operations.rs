@@ -241,7 +241,7 @@ pub fn run(scenario: &Arc<adagio::scenario::Scenario>) -> u64 {
     let log = adagio::log::RunLog::create(storage, &options, adagio::log::Rotation::NEVER, &BTreeMap::new())
         .expect("a log in a new folder");
     let world = Arc::new(adagio::world::World::new(scenario).expect("a scenario without image files"));
-    let mut source = adagio::source::Simulated::new(scenario.clone(), world.clone());
+    let mut source = adagio::world::Simulated::new(scenario.clone(), world.clone());
     let (stop, status) = (AtomicBool::new(false), Status::default());
-    adagio::agent::run(scenario, &world, &mut source, log, RunOptions::new(&stop, &status)).expect("a run").frames
+    adagio::agent::run(scenario, &world.plan, &mut source, log, RunOptions::new(&stop, &status)).expect("a run").frames
 }

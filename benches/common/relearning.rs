@@ -3,11 +3,11 @@
 use std::sync::Arc;
 
 use adagio::policy::{Recent, Reflexes, columns};
+use adagio::robot::Action;
 use adagio::scenario::Scenario;
 use adagio::slow::{Moments, SlowFeatures, SlowModel};
 use adagio::value::{Fit, Lspi, LspiOptions, Outcomes, Samples, balance, greedy};
 use adagio::vision::{Observation, ZERO};
-use adagio::world::Action;
 use faer::{Mat, MatRef, Par};
 use rayon::prelude::*;
 
@@ -56,8 +56,8 @@ impl Relearning {
         };
         let poses = data::walk(n + 1);
         let actions: Vec<usize> = (0..n).map(|t| operations::turn(&poses, t)).collect();
-        let reflexes = Reflexes::new(&scenario.policy);
-        let after = |&action: &usize| reflexes.allowed(Recent::default().then(Action::ALL[action], false));
+        let reflexes = Reflexes::new(&scenario);
+        let after = |&action: &usize| reflexes.allowed(Recent::default().then(Action::DRIVE[action], false));
         let reward = |goal: [f64; 2], radius: f64| {
             let inside = |pose: &[f64; 3]| (pose[0] - goal[0]).hypot(pose[1] - goal[1]) < radius;
             poses[1..].iter().map(|pose| if inside(pose) { 1.0 } else { 0.0 }).collect()
@@ -109,7 +109,7 @@ impl Relearning {
         let groups: Vec<(usize, usize)> = projected.cells.iter().copied().zip(self.actions.iter().copied()).collect();
         let weights = balance(&groups, settings.balance).expect("a valid exponent");
         let samples = Samples { phi: phi.as_ref(), actions: &self.actions, weights: &weights };
-        let problem = Lspi::new(samples, Action::ALL.len(), self.par).expect("valid samples");
+        let problem = Lspi::new(samples, Action::DRIVE.len(), self.par).expect("valid samples");
         let options = LspiOptions {
             gamma: settings.gamma,
             ridge: settings.ridge,

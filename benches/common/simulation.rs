@@ -5,11 +5,13 @@ use std::sync::Arc;
 
 use adagio::policy::{Recent, Reflexes, Walk};
 use adagio::random;
+use adagio::robot::{Action, Pose};
 use adagio::scenario::Scenario;
 use adagio::slow::Link;
-use adagio::source::{Frame, Simulated, Source};
+use adagio::source::{Frame, Source};
 use adagio::vision::observe;
-use adagio::world::{Action, Pose, World};
+use adagio::world::Simulated;
+use adagio::world::World;
 use faer::Mat;
 use nalgebra::{Point2, Vector2};
 
@@ -41,7 +43,7 @@ impl Walker {
         let scenario = scenario("lab.toml", &[]);
         let world = Arc::new(World::new(&scenario).expect("a scenario without image files"));
         let mut source = Simulated::new(scenario.clone(), world);
-        let walk = Walk::new(&scenario.policy, scenario.robot.radius, random::stream(scenario.seed, "explore"));
+        let walk = Walk::new(&scenario, random::stream(scenario.seed, "explore"));
         let last = source.first().expect("a robot has a first frame");
         Walker { source, walk, last, scenario }
     }
@@ -49,14 +51,14 @@ impl Walker {
     /// The next `n` frames.
     pub fn frames(&mut self, n: usize) -> Frames {
         let scenario = self.scenario.clone();
-        let reflexes = Reflexes::new(&scenario.policy);
+        let reflexes = Reflexes::new(&scenario);
         let d = 3 * scenario.vision.width * scenario.vision.height;
         let (mut x, mut links) = (Mat::zeros(d, n), Vec::with_capacity(n));
         while links.len() < n {
             let blocked = self.last.boundary.as_ref().is_some_and(|boundary| boundary.blocked);
             let recent = self.last.action.map_or(Recent::default(), |action| Recent::default().then(action, blocked));
             let action = self.walk.choose(&self.last.sonar, reflexes, recent);
-            let weight = if action == Action::Forward { scenario.slow.move_weight } else { 1.0 };
+            let weight = if action == Action::FORWARD { scenario.slow.move_weight } else { 1.0 };
             let last = &mut self.last;
             self.source.execute(action, &mut |frame| {
                 let observation =

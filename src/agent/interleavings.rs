@@ -20,9 +20,11 @@ use crate::log::messages::{Decision, FrameTaken, ModelRequest, ModelUpdate};
 use crate::log::run::{Nowhere, Repeating};
 use crate::log::{Expected, LogOptions, LogReader, Record, Rotation, RunLog, Storage, topics};
 use crate::random::stream;
+use crate::robot::Action;
 use crate::scenario::Scenario;
-use crate::source::{Frame, Simulated, Source};
-use crate::world::{Action, World};
+use crate::source::{Frame, Source};
+use crate::world::Simulated;
+use crate::world::World;
 
 /// Orders that are tried, of all kinds together.
 const SCHEDULES: u64 = 2_000;
@@ -151,7 +153,7 @@ impl Run<'_> {
         let robot = Simulated::new(self.scenario.clone(), self.world.clone());
         let mut source = Counting { robot, given: &given, stop_at: self.stop_at, stop: &stop };
         let options = RunOptions { recording: self.recording, keep: self.keep, ..RunOptions::new(&stop, &status) };
-        let outcome = run_in_turns(self.scenario, self.world, &mut source, log, options, self.turns.as_ref());
+        let outcome = run_in_turns(self.scenario, &self.world.plan, &mut source, log, options, self.turns.as_ref());
         let stuck = self.turns.and_then(|turns| turns.deadlock());
         assert_eq!(stuck, None);
         (outcome.expect("a run"), given.load(Ordering::Relaxed))

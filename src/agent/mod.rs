@@ -19,7 +19,6 @@
 
 mod actors;
 mod error;
-mod forecast;
 #[cfg(test)]
 mod interleavings;
 mod memory;
@@ -28,10 +27,11 @@ mod runtime;
 
 pub use actors::evaluate::CurvePoint;
 pub use error::{PerceiveError, RunError};
-pub use forecast::LogForecast;
 pub use memory::{Memory, machine_memory};
 pub use run::{Outcome, RunOptions, run};
-pub use runtime::checkpoint::{CHECKPOINT_NAME, CheckpointError, KeptState, STATE_NAME, read_checkpoint, read_state};
+pub use runtime::checkpoint::{
+    CHECKPOINT_NAME, CheckpointError, KeptState, STATE_NAME, checkpoint_bytes, read_checkpoint, read_state,
+};
 pub use runtime::clock::Timing;
 pub use runtime::controls::{Controls, TooMany};
 pub use runtime::marker::Keep;

@@ -31,9 +31,9 @@ use crate::log::{RunLog, RunTotals};
 use crate::parts::Parts;
 use crate::policy::{Learned, Tally};
 use crate::random::fix_parallelism;
-use crate::scenario::{Renderer, Scenario, WhenBehind};
+use crate::robot::Action;
+use crate::scenario::{Plan, Renderer, Scenario, WhenBehind};
 use crate::source::{Frame, Source};
-use crate::world::{Action, World};
 
 /// What a run is given beside its scenario.
 pub struct RunOptions<'a> {
@@ -57,6 +57,8 @@ pub struct RunOptions<'a> {
     pub state: Option<Parts>,
     /// Evaluations before that state.
     pub curve: Vec<CurvePoint>,
+    /// Who renders camera images, where a scenario leaves that open.
+    pub rendered_by: Option<&'a (dyn Fn() -> Option<Choice> + Sync)>,
     /// Times real time at which the log's timed flushes follow the stamps of its messages; `None`: they follow the clock.
     pub flush_by_stamps: Option<f64>,
 }
@@ -75,6 +77,7 @@ impl<'a> RunOptions<'a> {
             keep: None,
             state: None,
             curve: Vec::new(),
+            rendered_by: None,
             flush_by_stamps: None,
         }
     }
@@ -123,18 +126,18 @@ pub struct Outcome {
 /// See [`RunError`].
 pub fn run(
     scenario: &Arc<Scenario>,
-    world: &Arc<World>,
+    plan: &Arc<Plan>,
     source: &mut (dyn Source + Send),
     log: RunLog,
     options: RunOptions<'_>,
 ) -> Result<Outcome, RunError> {
-    run_in_turns(scenario, world, source, log, options, None)
+    run_in_turns(scenario, plan, source, log, options, None)
 }
 
 /// As [`run`]; with `turns` only one actor runs at a time, see [`Turns`].
 pub(super) fn run_in_turns(
     scenario: &Arc<Scenario>,
-    world: &Arc<World>,
+    plan: &Arc<Plan>,
     source: &mut (dyn Source + Send),
     log: RunLog,
     options: RunOptions<'_>,
@@ -164,14 +167,14 @@ pub(super) fn run_in_turns(
     let (writes_out, writes_in, gauge) = queue("log", 8 * capacity, turns);
     status.watch(gauge);
     let recorder = Recorder::new(writes_out, scenario.clone());
-    let no_device = world.looks.prepare();
     let schedule = Arc::new(Schedule::new(&scenario.agent, options.recording));
     let flush = Duration::from_secs_f64(scenario.log.flush_seconds);
     let failed: Mutex<Option<RunError>> = Mutex::new(None);
+    let rendered_by = || options.rendered_by.and_then(|of| of());
     let (ended, over, quiet) = (AtomicBool::new(false), AtomicBool::new(false), Quiet::default());
 
     // The actors, new or as they were.
-    let mut perceiver = Perceive::new(scenario.clone(), world.clone(), schedule.clone());
+    let mut perceiver = Perceive::new(scenario.clone(), plan.clone(), schedule.clone());
     let mut acting = Acting::new(Act::new(scenario));
     let (mut solve, mut fit) = (Solve::new(&scenario.slow, par), FitPolicies::new(scenario.clone(), par));
     let goes_on = options.state.is_some();
@@ -202,9 +205,9 @@ pub(super) fn run_in_turns(
         // Pictures of another renderer are close to these, and not the same.
         if turns.is_none()
             && scenario.world.renderer == Renderer::Gpu
-            && let Some(by) = world.looks.rendered_by()
+            && let Some(by) = rendered_by()
         {
-            let level = if no_device.is_some() { Level::Warn } else { Level::Info };
+            let level = if by.is_device() { Level::Info } else { Level::Warn };
             let _ = recorder.diagnostic(level, status.snapshot().stamp_ns, format!("pictures are made {by}"));
         }
         crew.start("source", move || {
@@ -254,7 +257,7 @@ pub(super) fn run_in_turns(
         } else {
             let (record, over) = (recorder.clone(), &over);
             health = Some(crew.start("health", move || {
-                health::run(&record, status, &world.looks, over);
+                health::run(&record, status, rendered_by, over);
                 Ok(())
             })?);
         }

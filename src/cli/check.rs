@@ -8,8 +8,9 @@ use std::sync::Arc;
 use serde::Serialize;
 
 use super::drive::{log_options, metadata};
+use super::forecast::LogForecast;
 use super::{CheckArgs, Ending, folder, print, print_json, run::load};
-use crate::agent::{LogForecast, Memory, machine_memory};
+use crate::agent::{Memory, machine_memory};
 use crate::log::{Ending as LogEnding, LogSummary, summarise};
 use crate::report::{Numbered, Origin};
 use crate::scenario::Scenario;

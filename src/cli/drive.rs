@@ -73,6 +73,8 @@ impl Drive<'_> {
         let most = self.most_actions.unwrap_or(u64::MAX).min(scenario.actions as u64);
         let likely = self.likely_actions.unwrap_or(u64::MAX).min(most);
         let controls = Arc::new(Controls::default());
+        world.looks.prepare();
+        let rendered_by = || world.looks.rendered_by();
         let outcome = watched(self.quiet, likely, self.sampler, |status| {
             let options = RunOptions {
                 controls: self.server.map(|_| &*controls),
@@ -83,9 +85,10 @@ impl Drive<'_> {
                 keep: self.keep.then(|| Keep { path: state.clone(), every: scenario.agent.keep_every() }),
                 state: self.state,
                 curve: self.curve,
+                rendered_by: Some(&rendered_by),
                 ..RunOptions::new(self.stop, status)
             };
-            let run = || agent::run(scenario, world, &mut *source, log, options);
+            let run = || agent::run(scenario, &world.plan, &mut *source, log, options);
             match self.server {
                 None => run(),
                 Some(server) => {

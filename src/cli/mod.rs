@@ -9,6 +9,7 @@ mod evaluate;
 mod experiment;
 mod export;
 mod folder;
+mod forecast;
 mod import;
 mod info;
 mod progress;

@@ -170,7 +170,7 @@ fn compared(
             most_actions: Some(most_actions),
             ..RunOptions::new(stop, status)
         };
-        agent::run(scenario, &world, &mut source, log, options)
+        agent::run(scenario, &world.plan, &mut source, log, options)
     });
     let outcome = outcome.map_err(|error| error.to_string())?;
     let expected = outcome.log.expected.unwrap_or_default();

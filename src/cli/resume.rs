@@ -12,7 +12,8 @@ use crate::log::{Folder, RunLog, log_files};
 use crate::replay::Recording;
 use crate::report::{Numbered, Origin, Program, Report};
 use crate::scenario::Scenario;
-use crate::source::{Recorded, Resumed, Simulated};
+use crate::source::{Recorded, Resumed};
+use crate::world::Simulated;
 use crate::world::World;
 
 /// Go on with a run that was ended before its last action: by Ctrl-C, by a kill, by a power loss.

@@ -12,7 +12,7 @@ use crate::log::{Folder, RunLog};
 use crate::report::{Origin, Report};
 use crate::scenario::{OverMemory, Scenario, ScenarioError};
 use crate::soak::Sampler;
-use crate::source::Simulated;
+use crate::world::Simulated;
 use crate::world::World;
 
 /// Run a scenario in a new folder, evaluate what was learned, and write the report.

@@ -13,9 +13,10 @@ use crate::kernel::{Kernel, median_distance};
 use crate::policy::{Learned, columns};
 use crate::random::stream;
 use crate::regression::{Bias, Folds, KernelGrid, RegressionError, Sums, ridge, select_kernel_ridge, select_ridge};
+use crate::robot::{Pose, wrap};
 use crate::scenario::Scenario;
 use crate::vision::observe;
-use crate::world::{Pose, Sensor, World, wrap};
+use crate::world::{Sensor, World};
 
 /// Error of the pose that is read off the features, on poses that it was not learned from.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]

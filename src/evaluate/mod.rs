@@ -1,13 +1,19 @@
 //! How good a policy is: trials from random starts, against the optimal number of steps, and what its features know.
 //!
+//! Two measuring rods know the true pose: the optimal number of steps, and the thesis's reference policy.
+//!
 //! Trials run in the scenario's world with robots of their own, so a live run does not notice. Starts are drawn from a
 //! random stream of their own, never from states that were seen in training.
 
 mod decode;
+mod optimal;
+mod reference;
 mod spans;
 mod trials;
 
 pub use decode::{PoseDecode, PoseError, decode_pose};
+pub use optimal::optimal_steps;
+pub use reference::reference_action;
 pub use spans::overlap;
 pub use trials::{Evaluator, Situation, TaskResult, Trip, Unaided};
 
@@ -15,8 +21,8 @@ use nalgebra::{Point2, Vector2};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
+use crate::robot::Pose;
 use crate::scenario::Plan;
-use crate::world::Pose;
 
 /// A pose drawn uniformly from all places that the robot can reach, except those that `refuse` names.
 ///

@@ -9,11 +9,14 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::{draw_pose, wilson_low};
-use crate::policy::{Learned, Recent, Reflexes, columns, optimal_steps, reference_action};
+use crate::evaluate::{optimal_steps, reference_action};
+use crate::policy::{Learned, Recent, Reflexes, columns};
 use crate::random::{fix_parallelism, stream};
+use crate::robot::{Action, ActionSet, ActionValues, Pose};
+use crate::scenario::in_goal;
 use crate::scenario::{Happens, Scenario, Task};
 use crate::vision::{Observation, Observer, observe};
-use crate::world::{Action, Pose, Robot, Sensor, World, in_goal};
+use crate::world::{Robot, Sensor, World};
 
 /// Trials begin this many frames later at most, as far as distractors go: each finds them somewhere else.
 const LATEST: u64 = 100_000;
@@ -202,12 +205,14 @@ impl Evaluator {
 
     /// Results of all tasks with the ways of their trials (those with reflexes), in the order of the starts.
     pub fn evaluate_and_show(&self, learned: &Learned, without_reflexes: bool) -> Vec<(TaskResult, Vec<Trip>)> {
-        let reflexes = Reflexes::new(&self.scenario.policy);
+        let reflexes = Reflexes::new(&self.scenario);
         let courses = self.courses(learned);
         let tried = courses.iter().enumerate().map(|(task, course)| {
             let trials = self.run(learned, task, course, reflexes);
-            let unaided = without_reflexes.then(|| Outcome::new(&self.run(learned, task, course, Reflexes::OFF)));
-            let result = self.result(course, &Outcome::new(&trials), unaided.as_ref());
+            let unaided = without_reflexes.then(|| {
+                Outcome::new(&self.run(learned, task, course, reflexes.off()), &self.scenario.robot.actions())
+            });
+            let result = self.result(course, &Outcome::new(&trials, &self.scenario.robot.actions()), unaided.as_ref());
             (result, course.ways(trials))
         });
         tried.collect()
@@ -272,8 +277,8 @@ impl Evaluator {
     fn run(&self, learned: &Learned, task: usize, course: &Course, reflexes: Reflexes) -> Vec<Trial> {
         let greedy = |situation: &Situation<'_>| {
             // These trials have a camera.
-            let values = situation.seen.map_or([0.0; 3], |seen| learned.q_values(seen, task));
-            reflexes.best(values, situation.recent).0
+            let values = situation.seen.map_or(ActionValues::new([]), |seen| learned.q_values(seen, task));
+            reflexes.best(&values, situation.recent).0
         };
         self.drive(course, Some(learned.asked_at + 1), &greedy)
     }
@@ -388,10 +393,10 @@ impl Course {
 }
 
 impl Outcome {
-    fn new(trials: &[Trial]) -> Self {
+    fn new(trials: &[Trial], set: &ActionSet) -> Self {
         Outcome {
             steps: trials.iter().map(|trial| trial.arrived.then_some(trial.actions.len())).collect(),
-            dithers: trials.iter().map(|trial| dithers(&trial.actions)).sum(),
+            dithers: trials.iter().map(|trial| dithers(&trial.actions, set)).sum(),
             actions: trials.iter().map(|trial| trial.actions.len()).sum(),
         }
     }
@@ -411,8 +416,8 @@ fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
 }
 
 /// Number of places where a sequence of actions goes left–right–left–right or the reverse.
-fn dithers(actions: &[Action]) -> usize {
-    let turns = |four: &[Action]| four.windows(2).all(|pair| pair[0].opposite() == Some(pair[1]));
+fn dithers(actions: &[Action], set: &ActionSet) -> usize {
+    let turns = |four: &[Action]| four.windows(2).all(|pair| set.inverse(pair[0]) == Some(pair[1]));
     actions.windows(4).filter(|four| turns(four)).count()
 }
 
@@ -422,10 +427,11 @@ mod tests {
 
     #[test]
     fn dithers_are_four_turns_to_and_fro() {
-        use Action::{Forward as F, TurnLeft as L, TurnRight as R};
-        assert_eq!(dithers(&[L, R, L, R]), 1);
-        assert_eq!(dithers(&[R, L, R, L, R, F]), 2);
-        assert_eq!(dithers(&[L, R, L, F, R, L, L, R]), 0);
-        assert_eq!(dithers(&[F, F, F, F]), 0);
+        let [f, l, r] = Action::DRIVE;
+        let set = ActionSet::differential_drive(0.3, 0.8);
+        assert_eq!(dithers(&[l, r, l, r], &set), 1);
+        assert_eq!(dithers(&[r, l, r, l, r, f], &set), 2);
+        assert_eq!(dithers(&[l, r, l, f, r, l, l, r], &set), 0);
+        assert_eq!(dithers(&[f, f, f, f], &set), 0);
     }
 }

@@ -9,7 +9,7 @@ use crate::agent::{self, CurvePoint, Outcome, RunOptions, Status};
 use crate::evaluate::Evaluator;
 use crate::log::{LogOptions, Nowhere, Rotation, RunLog};
 use crate::scenario::Scenario;
-use crate::source::Simulated;
+use crate::world::Simulated;
 use crate::world::World;
 
 /// What changes in a scenario so that a run is over in seconds: models soon, and small.
@@ -39,8 +39,8 @@ pub fn drive(
     let status = Status::default();
     let mut source = Simulated::new(scenario.clone(), world.clone());
     let options = RunOptions { evaluator: Some(evaluator), ..RunOptions::new(bench.stop(), &status) };
-    let ran =
-        agent::run(scenario, world, &mut source, log, options).map_err(|error| ExperimentError::Run(error.to_string()));
+    let ran = agent::run(scenario, &world.plan, &mut source, log, options)
+        .map_err(|error| ExperimentError::Run(error.to_string()));
     bench.go_on()?;
     ran
 }

@@ -13,10 +13,13 @@ use super::{Bench, ExperimentError};
 use crate::evaluate::{Evaluator, Situation, Trip, draw_pose};
 use crate::policy::Reflexes;
 use crate::random::stream;
+use crate::robot::{Action, Pose};
+use crate::scenario::in_goal;
 use crate::slow::coherence::incremental::{IncrementalSlow, Options as IncrementalOptions};
 use crate::value::{Fit, StreamQ, StreamQOptions};
+use crate::vision::Image;
 use crate::vision::{Observation, Observer};
-use crate::world::{Action, Image, Pose, Robot, Sensor, in_goal};
+use crate::world::{Robot, Sensor};
 
 /// Stream-Q(λ): probability of a random action, at first and from the middle of the run on.
 const EPSILON: (f64, f64) = (1.0, 0.1);
@@ -118,10 +121,10 @@ impl Field<'_> {
         weights: &Mat<f64>,
         features: impl Fn(&Situation<'_>) -> Mat<f64> + Sync,
     ) -> Vec<Trip> {
-        let reflexes = Reflexes::new(&self.lab.scenario.policy);
+        let reflexes = Reflexes::new(&self.lab.scenario);
         self.evaluator.trips(task, camera, &|situation| {
             let q = weights.transpose() * features(situation);
-            reflexes.best([q[(0, 0)], q[(1, 0)], q[(2, 0)]], situation.recent).0
+            reflexes.best(&[q[(0, 0)], q[(1, 0)], q[(2, 0)]], situation.recent).0
         })
     }
 
@@ -149,7 +152,7 @@ impl Field<'_> {
         let sampled = Sampled::new(&trained, actions, Iteration::Thesis, self.bench)?;
         let qualities = self.qualities(|task| {
             let fit = sampled.fit(features, task, Iteration::Thesis)?;
-            trips(&trained.model, &fit, (&self.evaluator, task), Reflexes::OFF)
+            trips(&trained.model, &fit, (&self.evaluator, task), Iteration::Thesis.reflexes(self.lab))
         })?;
         Ok((qualities, trained.model.members.ncols()))
     }
@@ -264,9 +267,9 @@ impl Field<'_> {
                 let share = (2.0 * done as f64 / most as f64).min(1.0);
                 let epsilon = EPSILON.0 + (EPSILON.1 - EPSILON.0) * share;
                 let action = values.choose(&phi, epsilon, &mut explore)?;
-                let motion = robot.draw(Action::ALL[action]);
+                let motion = robot.draw(Action::DRIVE[action]);
                 robot.drive(motion, &self.lab.world.arena);
-                let reward = self.lab.world.reward(task, robot.pose.position);
+                let reward = self.lab.world.plan.reward(task, robot.pose.position);
                 let next = look(&robot.pose);
                 let arrived = in_goal(task, robot.pose.position);
                 values.learn(&phi, action, reward, (!arrived).then_some(next.as_slice()))?;
@@ -304,7 +307,7 @@ impl Field<'_> {
             Ok(self.evaluator.trips(task, false, &|Situation { pose, .. }| {
                 // A choice of its own for each pose: no pose comes twice.
                 let name = format!("random action at {:?}", (pose.position.x.to_bits(), pose.heading.to_bits()));
-                Action::ALL[stream(seed, &name).random_range(0..3)]
+                Action::DRIVE[stream(seed, &name).random_range(0..3)]
             }))
         })
     }

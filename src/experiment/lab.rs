@@ -10,11 +10,13 @@ use serde::Serialize;
 use super::{Bench, ExperimentError};
 use crate::policy::{Recent, Reflexes, Walk};
 use crate::random::stream;
+use crate::robot::{Action, ActionSet, Pose, wrap};
 use crate::scenario::{Renderer, Scenario, Task};
 use crate::slow::Link;
 use crate::slow::theory::{Axis, OptimalResponses, TheoryError, plane_motion};
+use crate::vision::Image;
 use crate::vision::{Observer, ZERO};
-use crate::world::{Action, Image, Pose, Robot, Sensor, World, wrap};
+use crate::world::{Robot, Sensor, World};
 
 /// The scenario of the lab, as it is in the repository.
 const LAB: &str = include_str!("../../scenarios/lab.toml");
@@ -131,8 +133,8 @@ impl Lab {
         let (scenario, seed) = (&self.scenario, self.scenario.seed);
         let start = Pose::new(Point2::from(scenario.robot.start), scenario.robot.start_heading_deg.to_radians());
         let mut robot = Robot::new(&scenario.robot, start, stream(seed, "motion"));
-        let mut walk = Walk::new(&scenario.policy, scenario.robot.radius, stream(seed, "explore"));
-        let reflexes = Reflexes::new(&scenario.policy);
+        let mut walk = Walk::new(&scenario, stream(seed, "explore"));
+        let reflexes = Reflexes::new(&scenario);
         let mut walked = Walked { poses: vec![robot.pose], actions: Vec::new(), blocked: Vec::new() };
         let mut recent = Recent::default();
         for _ in 0..actions {
@@ -239,7 +241,7 @@ impl Lab {
     /// Links of a walk's frames, which are one action apart; derivatives of moves weigh `move_weight`, those of turns 1.
     pub fn links(&self, walked: &Walked, move_weight: f64) -> Vec<Option<Link>> {
         let link = |&action: &Action| {
-            let weight = if action == Action::Forward { move_weight } else { 1.0 };
+            let weight = if action == Action::FORWARD { move_weight } else { 1.0 };
             Some(Link { dt: self.scenario.robot.action_seconds, weight })
         };
         std::iter::once(None).chain(walked.actions.iter().map(link)).collect()
@@ -262,7 +264,7 @@ impl Walked {
         let mut sums = Sums { moves: 0, way: 0.0, drift: 0.0, turned: 0.0 };
         for (pair, &action) in self.poses.windows(2).zip(&self.actions) {
             let turn = wrap(pair[1].heading - pair[0].heading).powi(2);
-            if action == Action::Forward {
+            if action == Action::FORWARD {
                 sums.moves += 1;
                 sums.way += (pair[1].position - pair[0].position).norm_squared();
                 sums.drift += turn;
@@ -314,9 +316,10 @@ impl Walked {
             (0..self.actions.len()).filter(|&t| wanted(self.actions[t]) && !self.blocked[t]).collect()
         };
         let moves = count * MOVES / TRANSITIONS;
-        let mut taken = evenly(&of(&|action| action == Action::Forward), moves);
-        taken.extend(evenly(&of(&|action| action != Action::Forward), (count - moves) / 2));
+        let mut taken = evenly(&of(&|action| action == Action::FORWARD), moves);
+        taken.extend(evenly(&of(&|action| action != Action::FORWARD), (count - moves) / 2));
         taken.sort_unstable();
+        let set = ActionSet::differential_drive(1.0, 1.0);
         let with_mirrored = |t: usize| {
             let there = self.transition(t);
             let back = |action| Transition {
@@ -326,7 +329,7 @@ impl Walked {
                 blocked: false,
                 recent: Recent::default().then(action, false),
             };
-            [Some(there), there.action.opposite().map(back)].into_iter().flatten()
+            [Some(there), set.inverse(there.action).map(back)].into_iter().flatten()
         };
         taken.into_iter().flat_map(with_mirrored).collect()
     }
@@ -341,7 +344,7 @@ impl Walked {
 
     /// Rewards of a task for some transitions.
     pub fn rewards(&self, lab: &Lab, task: usize, transitions: &[Transition]) -> Vec<f64> {
-        transitions.iter().map(|t| lab.world.reward(lab.task(task), self.poses[t.to].position)).collect()
+        transitions.iter().map(|t| lab.world.plan.reward(lab.task(task), self.poses[t.to].position)).collect()
     }
 }
 
@@ -378,21 +381,21 @@ mod tests {
 
     #[test]
     fn transitions_as_in_the_thesis_are_free_moves_and_turns_both_ways() {
-        use Action::{Forward, TurnLeft, TurnRight};
-        let actions = [Forward, TurnLeft, Forward, TurnRight, Forward].repeat(20);
+        let [forward, left, right] = Action::DRIVE;
+        let actions = [forward, left, forward, right, forward].repeat(20);
         let blocked: Vec<bool> = (0..100).map(|t| t % 5 == 2).collect();
         let poses = vec![Pose::new(Point2::origin(), 0.0); 101];
         let walked = Walked { poses, actions, blocked };
         let found = walked.as_in_the_thesis(64);
-        assert_eq!(found.iter().filter(|t| t.action == Forward).count(), 64 * MOVES / TRANSITIONS);
-        assert!(found.iter().all(|t| !t.blocked && (t.action == Forward || found.contains(&mirrored(t)))));
+        assert_eq!(found.iter().filter(|t| t.action == forward).count(), 64 * MOVES / TRANSITIONS);
+        assert!(found.iter().all(|t| !t.blocked && (t.action == forward || found.contains(&mirrored(t)))));
         assert_eq!(found.len(), 64);
         assert_eq!(walked.spread(1000).len(), 100);
         assert_eq!(walked.spread(50).iter().filter(|t| t.blocked).count(), 10);
     }
 
     fn mirrored(t: &Transition) -> Transition {
-        let action = t.action.opposite().unwrap();
+        let action = ActionSet::differential_drive(1.0, 1.0).inverse(t.action).unwrap();
         Transition { from: t.to, to: t.from, action, blocked: false, recent: Recent::default().then(action, false) }
     }
 }

@@ -8,8 +8,8 @@ use super::ExperimentError;
 use super::lab::{Lab, Transition, Walked};
 use crate::evaluate::{Evaluator, Situation, Trip};
 use crate::policy::Reflexes;
+use crate::robot::{Action, Pose};
 use crate::value::{Instances, Local, LocalOptions, LocalOutcomes};
-use crate::world::{Action, Pose};
 
 /// What a radian of the heading is beside a metre, for distances between true poses.
 pub const METRES_PER_RADIAN: f64 = 0.5;
@@ -43,10 +43,11 @@ pub fn values(
     at: impl Fn(&[usize]) -> Result<Mat<f32>, ExperimentError>,
 ) -> Result<Valued, ExperimentError> {
     let settings = &lab.scenario.value;
-    let reflexes = Reflexes::new(&lab.scenario.policy);
+    let reflexes = Reflexes::new(&lab.scenario);
     transitions.sort_by_key(|t| t.action.index());
     let points = |frame: fn(&Transition) -> usize| at(&transitions.iter().map(frame).collect::<Vec<usize>>());
-    let counts = Action::ALL.iter().map(|action| transitions.iter().filter(|t| t.action == *action).count()).collect();
+    let counts =
+        Action::DRIVE.iter().map(|action| transitions.iter().filter(|t| t.action == *action).count()).collect();
     let options = LocalOptions { neighbours: settings.neighbours, ridge: rule.ridge };
     let instances = Arc::new(Instances::new(points(|t| t.from)?, counts, options)?);
     let local = Local::new(&instances, points(|t| t.to)?.as_ref())?;
@@ -81,7 +82,7 @@ pub fn of_pose(lab: &Lab, walked: &Walked, transitions: Vec<Transition>) -> Resu
         Ok(Mat::from_fn(4, points.len(), |i, j| points[j][i]))
     };
     let valued = values(lab, walked, transitions, rule, at)?;
-    Ok(PosePolicies { valued, reflexes: Reflexes::new(&lab.scenario.policy) })
+    Ok(PosePolicies { valued, reflexes: Reflexes::new(&lab.scenario) })
 }
 
 impl PosePolicies {
@@ -91,7 +92,7 @@ impl PosePolicies {
         let choose = |situation: &Situation<'_>| {
             let point = point(situation.pose);
             let point = Mat::from_fn(4, 1, |i, _| point[i]);
-            self.reflexes.best(values_at(&self.valued.instances, &worth, point.as_ref()), situation.recent).0
+            self.reflexes.best(&values_at(&self.valued.instances, &worth, point.as_ref()), situation.recent).0
         };
         evaluator.trips(task, false, &choose)
     }

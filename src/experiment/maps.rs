@@ -11,8 +11,8 @@ use serde::{Deserialize, Serialize};
 
 use super::ExperimentError;
 use super::lab::Lab;
+use crate::robot::Pose;
 use crate::scenario::{Task, plan_segments};
-use crate::world::Pose;
 
 /// Headings of a test map (thesis §5.1.5).
 pub const HEADINGS: usize = 8;

@@ -21,11 +21,12 @@ use crate::kernel::Kernel;
 use crate::policy::columns;
 use crate::random::stream;
 use crate::report::draw;
+use crate::robot::Pose;
 use crate::slow::ica::{Contrast, Options as IcaOptions, fast_ica};
 use crate::slow::theory::{Axis, OptimalResponses, plane_motion};
 use crate::slow::{Link, SlowModel, SlowStream, StreamOptions, solve};
 use crate::vision::{Observation, observe};
-use crate::world::{Pose, World};
+use crate::world::World;
 
 /// The experiment.
 pub const EXPERIMENT: Experiment = Experiment {

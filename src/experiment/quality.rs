@@ -4,8 +4,8 @@ use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 
 use super::lab::Lab;
+use crate::evaluate::reference_action;
 use crate::evaluate::{Evaluator, Trip};
-use crate::policy::reference_action;
 
 /// What the trips of a policy came to.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -59,7 +59,7 @@ impl Quality {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::world::Pose;
+    use crate::robot::Pose;
 
     fn trip(steps: usize, arrived: bool, optimal: usize) -> Trip {
         Trip { poses: vec![Pose::new(Point2::origin(), 0.0); steps + 1], arrived, optimal: Some(optimal) }

@@ -15,8 +15,8 @@ use super::spans::{best_pair, by_place, standardised};
 use super::trained::{Training, train};
 use super::{Band, Bench, Cell, Experiment, ExperimentError, Results, Sizes, Table};
 use crate::report::draw::Axis;
+use crate::robot::Pose;
 use crate::slow::theory::Response;
-use crate::world::Pose;
 
 /// The experiment.
 pub const EXPERIMENT: Experiment = Experiment {

@@ -114,8 +114,8 @@ impl Iteration {
     /// Reflexes that go with it.
     pub fn reflexes(self, lab: &Lab) -> Reflexes {
         match self {
-            Iteration::Thesis => Reflexes::OFF,
-            Iteration::Ours => Reflexes::new(&lab.scenario.policy),
+            Iteration::Thesis => Reflexes::new(&lab.scenario).off(),
+            Iteration::Ours => Reflexes::new(&lab.scenario),
         }
     }
 
@@ -203,8 +203,9 @@ pub fn trips(
     let learned = Learned::new(1, 0, 0, model.clone(), vec![weights])?;
     Ok(evaluator.trips(task, true, &|situation| {
         // These trips have a camera.
-        let values = situation.seen.map_or([0.0; 3], |seen| learned.q_values(seen, 0));
-        reflexes.best(values, situation.recent).0
+        let none = crate::robot::ActionValues::new([]);
+        let values = situation.seen.map_or(none, |seen| learned.q_values(seen, 0));
+        reflexes.best(&values, situation.recent).0
     }))
 }
 

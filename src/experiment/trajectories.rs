@@ -10,7 +10,7 @@ use super::maps::{Way, rooms};
 use super::trained::{Iteration, Sampled, Trained, Training, train, trips};
 use super::{Band, Bench, Cell, Experiment, ExperimentError, Once, Results, Sizes, Table};
 use crate::evaluate::Evaluator;
-use crate::world::Pose;
+use crate::robot::Pose;
 
 /// The experiment.
 pub const EXPERIMENT: Experiment = Experiment {

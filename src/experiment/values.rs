@@ -173,8 +173,9 @@ fn tried(
     let of_task = |task: usize| {
         let choose = |situation: &Situation<'_>| {
             // These trips have a camera.
-            let values = situation.seen.map_or([0.0; 3], |seen| learned.q_values(seen, task));
-            reflexes.best(values, situation.recent).0
+            let none = crate::robot::ActionValues::new([]);
+            let values = situation.seen.map_or(none, |seen| learned.q_values(seen, task));
+            reflexes.best(&values, situation.recent).0
         };
         of_trips(task, evaluator.trips(task, true, &choose))
     };

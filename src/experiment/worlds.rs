@@ -197,13 +197,14 @@ fn of_agent(settings: &Settings, (place, seed): (usize, u64), bench: &Bench<'_>)
         return Err(ExperimentError::Run(outcome.without_model.unwrap_or_else(|| "no model was learned".into())));
     };
     let evaluator = evaluator(settings.starts.0);
-    let reflexes = Reflexes::new(&scenario.policy);
+    let reflexes = Reflexes::new(&scenario);
     let of_task = |task: usize| {
         bench.go_on()?;
         let choose = |situation: &Situation<'_>| {
             // These trips have a camera.
-            let values = situation.seen.map_or([0.0; 3], |seen| learned.q_values(seen, task));
-            reflexes.best(values, situation.recent).0
+            let none = crate::robot::ActionValues::new([]);
+            let values = situation.seen.map_or(none, |seen| learned.q_values(seen, task));
+            reflexes.best(&values, situation.recent).0
         };
         let reference = reference_trips(&lab, &evaluator, task);
         Ok(Quality::of(&evaluator.trips(task, true, &choose), &reference, scenario.value.gamma))

@@ -170,7 +170,7 @@ fn fixed(values: &[f64], length: usize) -> Vec<f64> {
 impl Frames {
     /// Add a frame; its pixels are those of an observation.
     pub fn add(&mut self, frame: &Frame, pixels: &[u8], sonars: usize) -> io::Result<()> {
-        let planar = |pose: &crate::world::Pose| [pose.position.x, pose.position.y, pose.heading];
+        let planar = |pose: &crate::robot::Pose| [pose.position.x, pose.position.y, pose.heading];
         let sonar: Vec<f32> = frame.sonar.iter().copied().chain(std::iter::repeat(f32::NAN)).take(sonars).collect();
         self.frame.push(&[frame.number])?;
         self.stamp_ns.push(&[frame.stamp_ns])?;
@@ -178,7 +178,7 @@ impl Frames {
         self.action.push(&[frame.action.map_or(-1, |action| action.index() as i8)])?;
         self.boundary.push(&[frame.boundary.is_some()])?;
         self.blocked.push(&[frame.boundary.as_ref().is_some_and(|boundary| boundary.blocked)])?;
-        self.pose.push(&planar(&frame.pose))?;
+        self.pose.push(&frame.truth.as_ref().map_or([f64::NAN; 3], planar))?;
         self.odometry.push(&planar(&frame.odometry))?;
         self.sonar.push(&sonar)
     }
@@ -200,7 +200,7 @@ impl Features {
         let values: Vec<_> = observations.par_iter().map(|seen| learned.q_values_of_all_tasks(seen)).collect();
         for (j, values) in values.iter().enumerate() {
             self.features.push(&column(features.as_ref(), j))?;
-            self.q_values.push(values.as_flattened())?;
+            self.q_values.push(&values.iter().flat_map(|values| values.to_vec()).collect::<Vec<f64>>())?;
         }
         Ok(())
     }

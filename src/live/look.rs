@@ -16,9 +16,10 @@ use crate::log::{FilesReader, Record, log_files};
 use crate::policy::{Learned, columns};
 use crate::report::gather::{Gathered, ROOM};
 use crate::report::survey::{Fineness, HEADINGS, Survey};
+use crate::robot::Pose;
 use crate::scenario::Scenario;
 use crate::vision::Observation;
-use crate::world::{Pose, World};
+use crate::world::World;
 
 /// How finely the room is looked at: some tenths of a second of one core for each model.
 const FINENESS: Fineness = Fineness { places: [24, 12], most_products: 1.5e10, most_pixels: 0 };

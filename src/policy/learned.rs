@@ -8,11 +8,11 @@ use sha2::{Digest, Sha256};
 
 use super::metric;
 use super::pixel_values::{PixelPoints, PixelValues, PolicyError};
+use crate::robot::{ActionValues, MOST_ACTIONS};
 use crate::scenario::hex;
 use crate::slow::SlowModel;
 use crate::value::Instances;
 use crate::vision::Observation;
-use crate::world::Action;
 
 /// Features of one epoch, and the policies that were fitted on them.
 #[derive(Debug, Clone)]
@@ -91,7 +91,7 @@ impl Learned {
         instances: Arc<Instances>,
         worth: Vec<Mat<f64>>,
     ) -> Result<Self, PolicyError> {
-        if instances.counts().len() != Action::ALL.len() {
+        if !(1..=MOST_ACTIONS).contains(&instances.counts().len()) {
             return Err(PolicyError::Instances { actions: instances.counts().len() });
         }
         let found = instances.points().nrows();
@@ -122,6 +122,14 @@ impl Learned {
         Learned { goals, ..self }
     }
 
+    /// How many actions it has values for.
+    pub fn actions(&self) -> usize {
+        match &self.instances {
+            Some(instances) => instances.counts().len(),
+            None => self.weights.first().map_or(0, Mat::ncols),
+        }
+    }
+
     /// Width of the kernel, grey levels. A scenario's kernels are radial.
     pub fn sigma(&self) -> f64 {
         self.model.kernel.sigma().unwrap_or(f64::NAN)
@@ -145,7 +153,7 @@ impl Learned {
     ///
     /// # Panics
     /// If the observation is not of the size that the scenario sets, see [`Learned::features`], or if there is no such task.
-    pub fn q_values(&self, observation: &Observation, task: usize) -> [f64; 3] {
+    pub fn q_values(&self, observation: &Observation, task: usize) -> ActionValues {
         match &self.values {
             Values::Linear(values) => values.of(observation, task),
             Values::Local(points) => self.told_at(points, observation, task..task + 1)[0],
@@ -157,7 +165,7 @@ impl Learned {
     ///
     /// # Panics
     /// If the observation is not of the size that the scenario sets, see [`Learned::features`].
-    pub fn q_values_of_all_tasks(&self, observation: &Observation) -> Vec<[f64; 3]> {
+    pub fn q_values_of_all_tasks(&self, observation: &Observation) -> Vec<ActionValues> {
         match &self.values {
             Values::Linear(values) => (0..self.weights.len()).map(|task| values.of(observation, task)).collect(),
             Values::Local(points) => self.told_at(points, observation, 0..self.weights.len()),
@@ -165,13 +173,13 @@ impl Learned {
     }
 
     /// Local values of some tasks for what the camera sees.
-    fn told_at(&self, points: &PixelPoints, observation: &Observation, tasks: Range<usize>) -> Vec<[f64; 3]> {
+    fn told_at(&self, points: &PixelPoints, observation: &Observation, tasks: Range<usize>) -> Vec<ActionValues> {
         let point = points.of(observation);
         let point = Mat::from_fn(point.len(), 1, |i, _| point[i] as f32);
-        self.told(point.as_ref(), tasks).iter().map(|q| [q[(0, 0)], q[(1, 0)], q[(2, 0)]]).collect()
+        self.told(point.as_ref(), tasks).iter().map(|q| ActionValues::new(q.col(0).iter().copied())).collect()
     }
 
-    /// Q-values of observations for all tasks from their features: `phi: f × n` gives `3 × n` for each.
+    /// Q-values of observations for all tasks from their features: `phi: f × n` gives `actions × n` for each.
     ///
     /// # Panics
     /// If these are not features of the model.
@@ -193,7 +201,7 @@ impl Learned {
             .filter_map(|worth| Some(worth.as_ref().col(0).try_as_col_major()?.as_slice()))
             .collect();
         let told = self.instances.as_ref().map(|instances| instances.action_values(&worths, points));
-        told.and_then(Result::ok).unwrap_or_else(|| vec![Mat::zeros(Action::ALL.len(), points.ncols()); worths.len()])
+        told.and_then(Result::ok).unwrap_or_else(|| vec![Mat::zeros(self.actions(), points.ncols()); worths.len()])
     }
 
     /// A hash over dictionary, features and policy weights, bit by bit.

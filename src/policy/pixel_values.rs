@@ -4,6 +4,7 @@ use faer::{Mat, MatRef};
 use thiserror::Error;
 
 use crate::kernel::Kernel;
+use crate::robot::{ActionValues, MOST_ACTIONS};
 use crate::slow::{SlowError, SlowModel};
 use crate::vision::{Observation, ZERO};
 
@@ -22,7 +23,9 @@ pub enum PolicyError {
         value: f32,
     },
     /// Weights for other features, or for another number of actions.
-    #[error("the weights of task {task} are for {actions} actions, but there are 3")]
+    #[error(
+        "the weights of task {task} are for {actions} actions; a robot has 1 to {MOST_ACTIONS}, the same for all tasks"
+    )]
     Actions {
         /// Which task, from 0.
         task: usize,
@@ -33,7 +36,7 @@ pub enum PolicyError {
     #[error(transparent)]
     Features(#[from] SlowError),
     /// Local values with another number of actions.
-    #[error("{actions} actions were tried, but there are 3")]
+    #[error("{actions} actions were tried; a robot has 1 to {MOST_ACTIONS}")]
     Instances {
         /// Actions of the transitions.
         actions: usize,
@@ -123,29 +126,30 @@ pub struct PixelValues {
 /// One task's Q-values.
 #[derive(Debug, Clone)]
 struct Task {
-    /// `b_a` at each support vector.
-    coefficients: Vec<[f64; 3]>,
+    /// `b_a` at each support vector: the actions of the first one, then of the second, …
+    coefficients: Vec<f64>,
     /// `c_a`.
-    constant: [f64; 3],
+    constant: ActionValues,
 }
 
 impl PixelValues {
-    /// The Q-values of a model with the weights of each task, `f × 3`.
+    /// The Q-values of a model with the weights of each task, `f × actions`.
     ///
     /// # Errors
-    /// Support vectors that are not whole numbers from −128 to 127, weights that do not fit the model's features or the
-    /// three actions.
-    pub fn new(model: &SlowModel<f32>, weights: &[Mat<f64>]) -> Result<Self, PolicyError> {
+    /// Support vectors that are not whole numbers from −128 to 127, weights that do not fit the model's features, or of
+    /// more than [`MOST_ACTIONS`] actions.
+    pub fn new(model: &SlowModel<f32>, all: &[Mat<f64>]) -> Result<Self, PolicyError> {
         let rows = PixelRows::new(model)?;
         let task = |(task, weights): (usize, &Mat<f64>)| {
-            if weights.ncols() != 3 {
+            let actions = all.first().map_or(0, Mat::ncols);
+            if !(1..=MOST_ACTIONS).contains(&actions) || weights.ncols() != actions {
                 return Err(PolicyError::Actions { task, actions: weights.ncols() });
             }
             let (b, c) = model.over_kernel_values(weights.as_ref())?;
-            let coefficients = (0..b.nrows()).map(|i| [b[(i, 0)], b[(i, 1)], b[(i, 2)]]).collect();
-            Ok(Task { coefficients, constant: [c[0], c[1], c[2]] })
+            let coefficients = (0..b.nrows()).flat_map(|i| b.row(i).iter().copied().collect::<Vec<_>>()).collect();
+            Ok(Task { coefficients, constant: ActionValues::new(c) })
         };
-        let tasks: Result<Vec<Task>, PolicyError> = weights.iter().enumerate().map(task).collect();
+        let tasks: Result<Vec<Task>, PolicyError> = all.iter().enumerate().map(task).collect();
         Ok(PixelValues { rows, tasks: tasks? })
     }
 
@@ -153,10 +157,11 @@ impl PixelValues {
     ///
     /// # Panics
     /// If there is no such task, or if the observation has another number of pixels than the support vectors.
-    pub fn of(&self, observation: &Observation, task: usize) -> [f64; 3] {
+    pub fn of(&self, observation: &Observation, task: usize) -> ActionValues {
         let task = &self.tasks[task];
         let mut q = task.constant;
-        for (value, coefficients) in self.rows.of(observation).zip(&task.coefficients) {
+        let coefficients = task.coefficients.chunks_exact(q.len().max(1));
+        for (value, coefficients) in self.rows.of(observation).zip(coefficients) {
             for (q, coefficient) in q.iter_mut().zip(coefficients) {
                 *q += coefficient * value;
             }

@@ -9,8 +9,8 @@ use rand_chacha::ChaCha8Rng;
 
 use super::reflex::{Recent, Reflexes};
 use crate::parts::{Parts, PartsError, Persist};
-use crate::scenario;
-use crate::world::Action;
+use crate::robot::{Action, ActionSet, ActionValues};
+use crate::scenario::Scenario;
 
 /// A random walk that does not drive into walls it can hear.
 #[derive(Debug, Clone)]
@@ -19,17 +19,20 @@ pub struct Walk {
     stop: f64,
     heed: f64,
     radius: f64,
+    actions: ActionSet,
     rng: ChaCha8Rng,
 }
 
 impl Walk {
     /// The walk of a scenario; `rng` makes its choices.
-    pub fn new(settings: &scenario::Policy, radius: f64, rng: ChaCha8Rng) -> Self {
+    pub fn new(scenario: &Scenario, rng: ChaCha8Rng) -> Self {
+        let settings = &scenario.policy;
         Walk {
             forward_probability: settings.forward_probability,
             stop: settings.sonar_stop,
             heed: settings.sonar_heed,
-            radius,
+            radius: scenario.robot.radius,
+            actions: scenario.robot.actions(),
             rng,
         }
     }
@@ -38,27 +41,34 @@ impl Walk {
     pub fn choose(&mut self, sonar: &[f32], reflexes: Reflexes, recent: Recent) -> Action {
         let heeds = self.rng.random_range(0.0..1.0) < self.heed;
         let free = !heeds || clearance_ahead(sonar, self.radius) >= self.stop;
-        let turn = 0.5 * (1.0 - self.forward_probability);
-        let weight = |action: Action| match action {
+        let advancing = self.actions.iter().filter(|&action| self.actions.advances(action)).count();
+        let turning = self.actions.len() - advancing;
+        // Actions that drive ahead share one probability, the others the rest.
+        let (ahead, turn) =
+            (self.forward_probability / advancing as f64, (1.0 - self.forward_probability) / turning as f64);
+        let weight = |action: Action| match self.actions.advances(action) {
             _ if !reflexes.allow(action, recent) => 0.0,
-            Action::Forward if free => self.forward_probability,
-            Action::Forward => 0.0,
-            _ => turn,
+            true if free => ahead,
+            true => 0.0,
+            false => turn,
         };
-        let weights = Action::ALL.map(weight);
+        let weights = ActionValues::new(self.actions.iter().map(weight));
         if weights.iter().all(|&weight| weight == 0.0) {
             // A blocked turn beside a wall forbids everything: then any turn is better than none.
-            return Action::TurnLeft;
+            let any = self.actions.iter().find(|&action| !self.actions.advances(action));
+            return any.unwrap_or(Action::FORWARD);
         }
         let mut left = self.rng.random_range(0.0..weights.iter().sum());
-        for (action, weight) in Action::ALL.into_iter().zip(weights) {
+        let mut last = Action::FORWARD;
+        for (action, &weight) in self.actions.iter().zip(weights.iter()).filter(|(_, weight)| **weight > 0.0) {
             if left < weight {
                 return action;
             }
             left -= weight;
+            last = action;
         }
         // Rounding can leave a remainder: the last action that has weight.
-        if weights[2] > 0.0 { Action::TurnRight } else { Action::TurnLeft }
+        last
     }
 }
 
@@ -89,11 +99,12 @@ mod tests {
     use crate::random::stream;
 
     fn walk() -> Walk {
-        Walk { forward_probability: 0.6, stop: 0.1, heed: 1.0, radius: 0.25, rng: stream(1, "test") }
+        let actions = ActionSet::differential_drive(0.3, 0.8);
+        Walk { forward_probability: 0.6, stop: 0.1, heed: 1.0, radius: 0.25, actions, rng: stream(1, "test") }
     }
 
     fn shares(sonar: &[f32], recent: Recent) -> [f64; 3] {
-        let reflexes = Reflexes { no_repeat_blocked: true, no_undo_turn: true };
+        let reflexes = Reflexes::all(&ActionSet::differential_drive(0.3, 0.8));
         let mut walk = walk();
         let mut counts = [0u32; 3];
         for _ in 0..4000 {
@@ -111,7 +122,7 @@ mod tests {
         wall[0] = 0.3;
         let turning = shares(&wall, Recent::default());
         assert!(turning[0] == 0.0 && (turning[1] - 0.5).abs() < 0.03);
-        let after_left = shares(&wall, Recent::default().then(Action::TurnLeft, false));
+        let after_left = shares(&wall, Recent::default().then(Action::TURN_LEFT, false));
         assert_eq!(after_left[1], 1.0);
     }
 

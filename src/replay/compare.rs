@@ -9,8 +9,8 @@ use serde_json::Value;
 use super::{Recording, RecordingError};
 use crate::log::messages::{ModelUpdate, PolicyUpdate};
 use crate::log::{LogError, Record, topics};
+use crate::robot::{Pose, wrap};
 use crate::source::{Frame, Recorded, View};
-use crate::world::{Pose, wrap};
 
 /// Two runs side by side.
 #[derive(Debug, Clone, Serialize)]
@@ -112,7 +112,8 @@ fn observations(a: &Recording, b: &Recording) -> Option<Observations> {
             *behind.0 = behind.1.take();
             continue;
         }
-        if course(one) != course(other) || apart(&one.pose, &other.pose) > SAME_POSE {
+        let poses = one.truth.zip(other.truth);
+        if course(one) != course(other) || poses.is_some_and(|(one, other)| apart(&one, &other) > SAME_POSE) {
             found.parted_at = Some(one.number);
             break;
         }

@@ -7,7 +7,7 @@ use super::gather::{Gathered, Thin};
 use crate::log::messages::{self as msg, Message as _, foreign};
 use crate::log::{FilesReader, LogError, Record, cdr};
 use crate::source::imported::{compressed, pose_of, raw};
-use crate::world::Image;
+use crate::vision::Image;
 
 /// Images that are shown at most.
 const SHOWN: usize = 4;

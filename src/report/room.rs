@@ -4,8 +4,9 @@ use nalgebra::{Point2, Vector2};
 use plotters::prelude::*;
 
 use super::draw::{GOAL, INK, Mark};
+use crate::robot::Pose;
 use crate::scenario::{Plan, Scenario, Task, plan_segments};
-use crate::world::{Pose, World};
+use crate::world::World;
 
 /// Where it is near a wall.
 pub const HATCH: RGBColor = RGBColor(90, 90, 90);

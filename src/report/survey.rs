@@ -7,9 +7,11 @@ use rayon::prelude::*;
 
 use super::draw::Grid;
 use crate::policy::{Learned, columns};
+use crate::robot::Pose;
 use crate::scenario::{Detail, Scenario};
+use crate::vision::Image;
 use crate::vision::{Observation, observe};
-use crate::world::{Image, Looks, Pose, World};
+use crate::world::{Looks, World};
 
 /// Headings, counter-clockwise from the x-axis.
 pub const HEADINGS: usize = 8;

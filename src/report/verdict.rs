@@ -3,7 +3,7 @@
 use super::Numbered;
 use super::figures::Material;
 use crate::evaluate::{TaskResult, Trip};
-use crate::world::Pose;
+use crate::robot::Pose;
 
 /// A judgement in words.
 #[derive(Debug, Clone, PartialEq, Eq)]

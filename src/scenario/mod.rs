@@ -18,7 +18,7 @@ pub use change::{Change, Happens};
 pub use distractors::Distractor;
 pub use keys::Fault;
 pub(crate) use plan::nearest;
-pub use plan::{Plan, PlanFault, pieces_of as plan_pieces, segments_of as plan_segments};
+pub use plan::{Plan, PlanFault, in_goal, pieces_of as plan_pieces, segments_of as plan_segments};
 pub use pyramids::Pyramid;
 pub use rooms::{Room, SIDES};
 pub use sections::*;

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use nalgebra::{Point2, Vector2};
 
-use super::sections::{Scenario, Wall};
+use super::sections::{Scenario, Task, Wall};
 
 /// More cells than this are refused: the room is too large for its resolution.
 const MOST_CELLS: usize = 4_000_000;
@@ -34,6 +34,17 @@ pub enum PlanFault {
 impl Plan {
     /// Side of the cells on which reachability is decided, metres.
     pub const CELL: f64 = 0.05;
+
+    /// Reward of a task for an action that ended at a place.
+    pub fn reward(&self, task: &Task, position: Point2<f64>) -> f64 {
+        if in_goal(task, position) {
+            task.reward
+        } else if self.clearance(position) < task.wall_distance {
+            task.wall_reward
+        } else {
+            0.0
+        }
+    }
 
     /// The plan of a scenario, with everything reachable from the robot's start.
     ///
@@ -190,4 +201,9 @@ fn distance_to_segment(point: Point2<f64>, a: Point2<f64>, b: Point2<f64>) -> f6
     let length = along.norm_squared();
     let t = if length > 0.0 { ((point - a).dot(&along) / length).clamp(0.0, 1.0) } else { 0.0 };
     (point - (a + along * t)).norm()
+}
+
+/// Whether a place lies in the goal area of a task.
+pub fn in_goal(task: &Task, position: Point2<f64>) -> bool {
+    (position - Point2::from(task.goal)).norm() <= task.radius
 }

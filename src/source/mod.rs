@@ -3,15 +3,14 @@
 pub mod imported;
 mod recorded;
 mod segments;
-mod simulated;
 
 pub use imported::{ImportReport, Imported};
 pub use recorded::{Recorded, Resumed};
 pub use segments::{Cutter, Rule, Segment, Step};
-pub use simulated::Simulated;
 
 use crate::parts::{Parts, PartsError};
-use crate::world::{Action, Image, Pose};
+use crate::robot::{Action, Pose};
+use crate::vision::Image;
 
 /// One camera frame with what else was sensed at that moment.
 #[derive(Debug, Clone)]
@@ -22,8 +21,9 @@ pub struct Frame {
     pub stamp_ns: u64,
     /// What the camera saw.
     pub view: View,
-    /// True pose as the ceiling camera sees it: for rewards, evaluation and plots, never for features.
-    pub pose: Pose,
+    /// The true pose, where something measures it (in the simulator a ceiling camera): for goals given by coordinates, evaluation
+    /// and plots, never for features.
+    pub truth: Option<Pose>,
     /// Pose by odometry.
     pub odometry: Pose,
     /// Distances of the ring of sonars from the robot's centre, metres, the first straight ahead, counter-clockwise; in the

@@ -10,8 +10,8 @@ use crate::log::files::FilesReader;
 use crate::log::messages::{self as msg, FrameTaken, GoalMoved, Image, LaserScan, Odometry, PoseStamped};
 use crate::log::{LogError, Message, Record, topics};
 use crate::parts::{Parts, PartsError};
+use crate::robot::{Action, Pose};
 use crate::scenario::Scenario;
-use crate::world::{Action, Pose};
 
 /// What was sensed with a frame, as far as it was read.
 #[derive(Default)]
@@ -140,13 +140,13 @@ impl Recorded {
         }
         let action = match taken.action {
             FrameTaken::NO_ACTION => None,
-            number => Some(*Action::ALL.get(usize::from(number))?),
+            number => Some(*Action::DRIVE.get(usize::from(number))?),
         };
         Some(Frame {
             number: taken.frame,
             stamp_ns,
             view: View::Observation(image.data),
-            pose,
+            truth: Some(pose),
             odometry,
             sonar,
             action,

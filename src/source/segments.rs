@@ -22,7 +22,7 @@
 
 use std::collections::VecDeque;
 
-use crate::world::{Action, Pose, wrap};
+use crate::robot::{Action, Pose, wrap};
 
 /// Motion of another kind becomes the kind of motion when it has gained this share of an action.
 pub const CHANGE: f64 = 0.25;
@@ -113,9 +113,9 @@ impl Kind {
 
     fn action(self) -> Option<Action> {
         match self {
-            Kind::Forward => Some(Action::Forward),
-            Kind::Left => Some(Action::TurnLeft),
-            Kind::Right => Some(Action::TurnRight),
+            Kind::Forward => Some(Action::FORWARD),
+            Kind::Left => Some(Action::TURN_LEFT),
+            Kind::Right => Some(Action::TURN_RIGHT),
             Kind::Back | Kind::Still => None,
         }
     }
@@ -338,9 +338,9 @@ mod tests {
         }
     }
 
-    const F: Option<Action> = Some(Action::Forward);
-    const L: Option<Action> = Some(Action::TurnLeft);
-    const R: Option<Action> = Some(Action::TurnRight);
+    const F: Option<Action> = Some(Action::FORWARD);
+    const L: Option<Action> = Some(Action::TURN_LEFT);
+    const R: Option<Action> = Some(Action::TURN_RIGHT);
 
     fn actions(segments: &[(usize, Option<Action>, bool)]) -> Vec<(usize, Option<Action>)> {
         segments.iter().map(|&(frames, action, _)| (frames, action)).collect()

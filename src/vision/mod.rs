@@ -6,10 +6,13 @@
 //! # Reference
 //! Thesis §5.1.5 (video generation), figure *preprocessing*.
 
+mod image;
+
+pub use image::Image;
+
 use pulp::NullaryFnOnce;
 
 use crate::scenario::Vision;
-use crate::world::Image;
 
 /// Grey level that counts as zero in [`Observation::values`].
 pub const ZERO: u8 = 128;

@@ -3,11 +3,13 @@
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
+use super::Camera;
 use super::distractors::Present;
 use super::views::Views;
-use super::{Camera, Image, Pose};
 use crate::gpu::{Choice, Gpu, GpuError};
+use crate::robot::Pose;
 use crate::scenario::Renderer;
+use crate::vision::Image;
 
 /// Fewer views than this are not worth a device's while, unless a scenario asks for it.
 const FEWEST: usize = 64;

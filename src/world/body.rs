@@ -4,39 +4,10 @@ use nalgebra::{Point2, Vector2};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-use super::{Arena, Pose};
+use super::Arena;
 use crate::parts::{Parts, PartsError, Persist};
+use crate::robot::{Action, ActionSet, Motion, Pose};
 use crate::scenario;
-
-/// What the robot can do.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum Action {
-    /// Drive straight ahead (0.30 m in the lab).
-    Forward,
-    /// Turn counter-clockwise on the spot (45° in the lab).
-    TurnLeft,
-    /// Turn clockwise on the spot.
-    TurnRight,
-}
-
-impl Action {
-    /// All actions in the order of their numbers.
-    pub const ALL: [Action; 3] = [Action::Forward, Action::TurnLeft, Action::TurnRight];
-
-    /// The action's number, 0 to 2.
-    pub fn index(self) -> usize {
-        self as usize
-    }
-
-    /// The turn that undoes this one.
-    pub fn opposite(self) -> Option<Action> {
-        match self {
-            Action::Forward => None,
-            Action::TurnLeft => Some(Action::TurnRight),
-            Action::TurnRight => Some(Action::TurnLeft),
-        }
-    }
-}
 
 /// The motion that was drawn for one frame of an action, before walls.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -55,29 +26,27 @@ pub struct Robot {
     /// Pose by odometry, which starts at the true one and drifts.
     pub odometry: Pose,
     settings: scenario::Robot,
+    actions: ActionSet,
     noise: ChaCha8Rng,
 }
 
 impl Robot {
     /// A robot at a pose; `noise` draws its execution, odometry and sonar errors.
     pub fn new(settings: &scenario::Robot, pose: Pose, noise: ChaCha8Rng) -> Self {
-        Robot { pose, odometry: pose, settings: settings.clone(), noise }
+        Robot { pose, odometry: pose, settings: settings.clone(), actions: settings.actions(), noise }
     }
 
     /// Draw how an action will be executed: the motion of each of its frames.
     pub fn draw(&mut self, action: Action) -> FrameMotion {
         let frames = self.settings.frames_per_action as f64;
-        let sign = match action {
-            Action::Forward => {
-                let length = self.settings.forward * (1.0 + self.settings.forward_noise * self.normal());
-                let drift = self.settings.drift_deg.to_radians() * self.normal();
-                return FrameMotion { length: length.max(0.0) / frames, angle: drift / frames };
-            }
-            Action::TurnLeft => 1.0,
-            Action::TurnRight => -1.0,
-        };
-        let angle = self.settings.turn_deg.to_radians() * (1.0 + self.settings.turn_noise * self.normal());
-        FrameMotion { length: 0.0, angle: sign * angle.max(0.0) / frames }
+        let Motion { distance, angle } = self.actions.motion(action);
+        if distance != 0.0 {
+            let length = distance * (1.0 + self.settings.forward_noise * self.normal());
+            let drift = self.settings.drift_deg.to_radians() * self.normal();
+            return FrameMotion { length: length.max(0.0) / frames, angle: drift / frames };
+        }
+        let executed = angle.abs() * (1.0 + self.settings.turn_noise * self.normal());
+        FrameMotion { length: 0.0, angle: angle.signum() * executed.max(0.0) / frames }
     }
 
     /// Drive for one frame; whether a wall stopped it.

@@ -13,8 +13,9 @@ use nalgebra::{Point2, Vector2};
 use super::distractors::Present;
 use super::pyramids::Pyramid;
 use super::texture::{Span, TextureMap, fixed};
-use super::{Image, Pose};
+use crate::robot::Pose;
 use crate::scenario::{self, Detail, Scenario, plan_pieces};
+use crate::vision::Image;
 
 /// Columns of a tile.
 const TILE: usize = 16;

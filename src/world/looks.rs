@@ -4,11 +4,13 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
+use super::Camera;
 use super::batch::{Batch, Eye};
 use super::distractors::{Distractor, Present};
-use super::{Camera, Image, Pose};
 use crate::gpu::{Choice, Gpu};
+use crate::robot::Pose;
 use crate::scenario::{Happens, Scenario};
+use crate::vision::Image;
 
 /// Pixels that a device is asked for at once, at most: 50 MB of pictures.
 const MOST_PIXELS: usize = 1 << 24;

@@ -3,10 +3,10 @@
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-use super::Image;
 use super::noise::Noise;
 use crate::parts::{Parts, PartsError, Persist};
 use crate::scenario::{Detail, Scenario};
+use crate::vision::Image;
 
 /// The camera's sensor.
 #[derive(Debug, Clone)]

@@ -7,9 +7,11 @@ use std::sync::Arc;
 use crate::common::{adagio, package_file, report, smoke_run, stderr, stdout};
 use adagio::log::messages::{GoalMoved, ModelUpdate};
 use adagio::log::{LogReader, Record, topics};
+use adagio::robot::Action;
 use adagio::scenario::Scenario;
-use adagio::source::{Frame, Simulated, Source};
-use adagio::world::{Action, World};
+use adagio::source::{Frame, Source};
+use adagio::world::Simulated;
+use adagio::world::World;
 
 const ACTIONS: usize = 40;
 /// Actions before the change, and the first frame of the next one.
@@ -25,7 +27,7 @@ fn drive(changes: &str) -> Vec<Frame> {
     let mut robot = Simulated::new(scenario, world);
     let mut frames: Vec<Frame> = robot.first().into_iter().collect();
     for action in 0..ACTIONS {
-        let action = Action::ALL[[0, 1, 0, 2, 1][action % 5]];
+        let action = Action::DRIVE[[0, 1, 0, 2, 1][action % 5]];
         robot.execute(action, &mut |frame| {
             frames.push(frame);
             true
@@ -48,7 +50,7 @@ fn light_changes_the_brightness_from_its_action_on_and_nothing_else() {
     let darker = drive("\n[[change]]\naction = 20\nkind = \"light\"\nfactor = 0.6\n");
     assert_eq!(plain.len(), darker.len());
     for (a, b) in plain.iter().zip(&darker) {
-        assert_eq!((a.pose, a.odometry, &a.sonar), (b.pose, b.odometry, &b.sonar), "frame {}", a.number);
+        assert_eq!((a.truth, a.odometry, &a.sonar), (b.truth, b.odometry, &b.sonar), "frame {}", a.number);
         if a.number < FIRST {
             assert_eq!(pixels(a), pixels(b), "frame {}", a.number);
         } else {
@@ -78,7 +80,7 @@ fn a_wall_that_is_papered_anew_looks_different_where_it_is_seen() {
     assert!(pairs[..FIRST as usize].iter().find(differ).is_none());
     let changed = pairs[FIRST as usize..].iter().filter(differ).count();
     assert!(changed > 20 && changed < 100, "{changed} of 100 frames differ");
-    assert!(pairs.iter().all(|(a, b)| a.pose == b.pose));
+    assert!(pairs.iter().all(|(a, b)| a.truth == b.truth));
 }
 
 #[test]
@@ -88,7 +90,7 @@ fn a_camera_that_freezes_gives_one_picture_and_then_what_it_would_have_given() {
     for (a, b) in plain.iter().zip(&frozen) {
         let same = if (FIRST..FIRST + 12).contains(&a.number) { &plain[FIRST as usize - 1] } else { a };
         assert_eq!(pixels(same), pixels(b), "frame {}", a.number);
-        assert_eq!((a.pose, &a.boundary), (b.pose, &b.boundary));
+        assert_eq!((a.truth, &a.boundary), (b.truth, &b.boundary));
     }
 }
 
@@ -102,7 +104,7 @@ fn a_camera_that_loses_frames_gives_the_last_ones_of_actions() {
         .filter(|number| !losing.iter().any(|frame| frame.number == *number))
         .collect();
     assert_eq!(lost, [101, 102, 103, 104, 106, 107, 108, 109, 111]);
-    assert!(losing.iter().all(|frame| frame.pose == plain[frame.number as usize].pose));
+    assert!(losing.iter().all(|frame| frame.truth == plain[frame.number as usize].truth));
 }
 
 const CHANGES: [&str; 9] = [

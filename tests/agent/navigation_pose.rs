@@ -2,12 +2,15 @@
 //! in the centre takes less than one step more than the reference policy needs).
 
 use crate::common::package_file;
-use adagio::policy::{Recent, Reflexes, Walk, reference_action};
+use adagio::evaluate::reference_action;
+use adagio::policy::{Recent, Reflexes, Walk};
 use adagio::random::stream;
+use adagio::robot::{Action, Pose};
+use adagio::scenario::in_goal;
 use adagio::scenario::{Scenario, Task};
 use adagio::slow::theory::Axis;
 use adagio::value::{Lspi, LspiOptions, Outcomes, Samples, Trigonometric};
-use adagio::world::{Action, Pose, Robot, World, in_goal};
+use adagio::world::{Robot, World};
 use faer::{Mat, Par};
 use nalgebra::Point2;
 use rand::RngExt;
@@ -31,8 +34,8 @@ struct Walked {
 fn walk(scenario: &Scenario, world: &World, seed: u64) -> Walked {
     let start = Pose::new(Point2::from(scenario.robot.start), 0.0);
     let mut robot = Robot::new(&scenario.robot, start, stream(seed, "motion"));
-    let mut walk = Walk::new(&scenario.policy, scenario.robot.radius, stream(seed, "explore"));
-    let reflexes = Reflexes::new(&scenario.policy);
+    let mut walk = Walk::new(&scenario, stream(seed, "explore"));
+    let reflexes = Reflexes::new(&scenario);
     let mut walked = Walked { poses: vec![robot.pose], actions: vec![], allowed: vec![] };
     let mut recent = Recent::default();
     for _ in 0..TRANSITIONS {
@@ -42,7 +45,7 @@ fn walk(scenario: &Scenario, world: &World, seed: u64) -> Walked {
         recent = recent.then(action, blocked);
         walked.poses.push(robot.pose);
         walked.actions.push(action.index());
-        let follow = Action::ALL.into_iter().filter(|&action| reflexes.allow(action, recent));
+        let follow = Action::DRIVE.into_iter().filter(|&action| reflexes.allow(action, recent));
         walked.allowed.push(follow.fold(0, |bits, action| bits | 1 << action.index()));
     }
     walked
@@ -80,7 +83,7 @@ fn trigonometric_features_of_the_true_pose_match_the_reference_policy() {
     let (low, high) = world.plan.reachable_box();
     let (x, y) = (Axis::free(low.x, high.x).unwrap(), Axis::free(low.y, high.y).unwrap());
     let heading = Axis::cyclic(-std::f64::consts::PI, std::f64::consts::PI).unwrap();
-    let reflexes = Reflexes::new(&scenario.policy);
+    let reflexes = Reflexes::new(&scenario);
     let mut rng = stream(21, "starts");
     let starts: Vec<Pose> = std::iter::repeat_with(|| {
         let place = Point2::new(rng.random_range(low.x..high.x), rng.random_range(low.y..high.y));
@@ -99,13 +102,14 @@ fn trigonometric_features_of_the_true_pose_match_the_reference_policy() {
         let samples = Samples { phi: before, actions: &walked.actions, weights: &weights };
         let problem = Lspi::new(samples, 3, Par::Seq).unwrap();
         for task in &scenario.tasks {
-            let rewards: Vec<f64> = walked.poses[1..].iter().map(|pose| world.reward(task, pose.position)).collect();
+            let rewards: Vec<f64> =
+                walked.poses[1..].iter().map(|pose| world.plan.reward(task, pose.position)).collect();
             let outcomes = Outcomes { next: after, rewards: &rewards, allowed: Some(&walked.allowed) };
             let options = LspiOptions { mixing: 0.3, ridge: 1e-3, ..LspiOptions::default() };
             let fit = problem.fit(&outcomes, &options).unwrap();
             let learned = |pose: &Pose, recent: Recent| {
                 let q = fit.weights.transpose() * features(&[*pose]);
-                reflexes.best([q[(0, 0)], q[(1, 0)], q[(2, 0)]], recent).0
+                reflexes.best(&[q[(0, 0)], q[(1, 0)], q[(2, 0)]], recent).0
             };
             let goal = Point2::from(task.goal);
             let (mut arrived, mut both, mut extra) = (0, 0, 0.0);

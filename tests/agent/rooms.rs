@@ -6,9 +6,10 @@ use std::sync::Arc;
 
 use crate::common::{adagio, package_file, report, stderr};
 use crate::scenario::faults_of;
-use adagio::policy::optimal_steps;
+use adagio::evaluate::optimal_steps;
+use adagio::robot::Pose;
 use adagio::scenario::Scenario;
-use adagio::world::{Pose, World};
+use adagio::world::World;
 use nalgebra::{Point2, Vector2};
 use proptest::prelude::*;
 
@@ -147,7 +148,7 @@ fn the_optimal_way_around_a_corner_is_the_counted_one() {
 #[test]
 fn rewards_know_the_walls_of_all_rooms() {
     let (scenario, world) = two_rooms(&[]);
-    let reward = |x: f64, y: f64| world.reward(&scenario.tasks[0], Point2::new(x, y));
+    let reward = |x: f64, y: f64| world.plan.reward(&scenario.tasks[0], Point2::new(x, y));
     let wall = scenario.tasks[0].wall_reward;
     assert_eq!(reward(2.75, 2.75), 0.0);
     // In the doorway there is no wall; the corridor's sides are walls, of which the corners stick out.

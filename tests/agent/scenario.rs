@@ -190,7 +190,7 @@ fn an_image_file_can_paper_a_wall() {
     std::fs::write(folder.path().join("room.toml"), &text).unwrap();
     let scenario = Scenario::load(&folder.path().join("room.toml"), &[]).unwrap();
     let world = adagio::world::World::new(&scenario).unwrap();
-    let pose = adagio::world::Pose::new(nalgebra::Point2::new(1.0, 0.9), 0.0);
+    let pose = adagio::robot::Pose::new(nalgebra::Point2::new(1.0, 0.9), 0.0);
     let seen = world.looks.camera(0).render(&pose);
     let middle = 3 * (seen.width * (seen.height / 2) + seen.width / 2);
     assert_eq!(seen.rgb[middle..middle + 3], [10, 200, 30]);

@@ -3,12 +3,15 @@
 use std::sync::Arc;
 
 use crate::common::package_file;
-use adagio::policy::optimal_steps;
+use adagio::evaluate::optimal_steps;
 use adagio::random::stream;
+use adagio::robot::{Action, Pose};
 use adagio::scenario::Scenario;
-use adagio::source::{Frame, Simulated, Source};
+use adagio::source::{Frame, Source};
+use adagio::vision::Image;
 use adagio::vision::observe;
-use adagio::world::{Action, Image, Pose, Robot, Sensor, World};
+use adagio::world::Simulated;
+use adagio::world::{Robot, Sensor, World};
 use nalgebra::Point2;
 
 fn lab(sets: &[&str]) -> (Arc<Scenario>, Arc<World>) {
@@ -31,7 +34,7 @@ fn frames(source: &mut dyn Source, actions: &[Action]) -> Vec<Frame> {
 
 #[test]
 fn the_same_seed_gives_the_same_frames_and_another_seed_others() {
-    let actions = [Action::Forward, Action::TurnLeft, Action::Forward, Action::TurnRight];
+    let actions = [Action::FORWARD, Action::TURN_LEFT, Action::FORWARD, Action::TURN_RIGHT];
     let run = |seed: &str| {
         let (scenario, world) = lab(&[seed]);
         frames(&mut Simulated::new(scenario, world), &actions)
@@ -39,9 +42,9 @@ fn the_same_seed_gives_the_same_frames_and_another_seed_others() {
     let (one, again, other) = (run("seed=1"), run("seed=1"), run("seed=2"));
     assert_eq!(one.len(), 21);
     for (a, b) in one.iter().zip(&again) {
-        assert_eq!((&a.view, a.pose, &a.sonar, a.stamp_ns), (&b.view, b.pose, &b.sonar, b.stamp_ns));
+        assert_eq!((&a.view, a.truth, &a.sonar, a.stamp_ns), (&b.view, b.truth, &b.sonar, b.stamp_ns));
     }
-    assert_ne!(one[20].pose, other[20].pose);
+    assert_ne!(one[20].truth, other[20].truth);
     assert!(one.windows(2).all(|pair| pair[1].number == pair[0].number + 1));
     let boundaries: Vec<u64> = one.iter().filter(|f| f.boundary.is_some()).map(|f| f.number).collect();
     assert_eq!(boundaries, [0, 5, 10, 15, 20]);
@@ -55,15 +58,15 @@ fn actions_have_their_length_and_angle_on_average_and_scatter() {
     let n = 2000.0;
     let (mut length, mut angle, mut square) = (0.0, 0.0, 0.0);
     for _ in 0..2000 {
-        for (action, sum) in [(Action::Forward, &mut length), (Action::TurnLeft, &mut angle)] {
+        for (action, sum) in [(Action::FORWARD, &mut length), (Action::TURN_LEFT, &mut angle)] {
             robot.pose = start;
             let motion = robot.draw(action);
             for _ in 0..scenario.robot.frames_per_action {
                 assert!(!robot.drive(motion, &world.arena));
             }
             let moved = (robot.pose.position - start.position).norm();
-            *sum += if action == Action::Forward { moved } else { robot.pose.heading.to_degrees() };
-            if action == Action::Forward {
+            *sum += if action == Action::FORWARD { moved } else { robot.pose.heading.to_degrees() };
+            if action == Action::FORWARD {
                 square += (moved - 0.3).powi(2);
             }
         }
@@ -77,11 +80,11 @@ fn actions_have_their_length_and_angle_on_average_and_scatter() {
 #[test]
 fn walls_stop_the_robot_at_its_radius() {
     let (scenario, world) = lab(&["robot.start_heading_deg=90"]);
-    let frames = frames(&mut Simulated::new(scenario, world), &[Action::Forward; 4]);
+    let frames = frames(&mut Simulated::new(scenario, world), &[Action::FORWARD; 4]);
     let last = frames.last().unwrap();
     assert!(last.boundary.as_ref().unwrap().blocked);
     // 1.8 m less the radius of 0.25 m, and the skin of a millimetre.
-    assert!((last.pose.position.y - 1.549).abs() < 2e-3, "{}", last.pose.position);
+    assert!((last.truth.unwrap().position.y - 1.549).abs() < 2e-3, "{}", last.truth.unwrap().position);
     assert!((last.sonar[0] - 0.25).abs() < 0.06, "sonar ahead: {}", last.sonar[0]);
     assert!(!frames[5].boundary.as_ref().unwrap().blocked);
 }
@@ -90,7 +93,7 @@ fn walls_stop_the_robot_at_its_radius() {
 fn rewards_are_those_of_the_goal_and_near_walls() {
     // The thesis's, −1 within 0.5 m, for the first task; the default for the second.
     let (scenario, world) = lab(&["task.0.wall_reward=-1", "task.0.wall_distance=0.5"]);
-    let reward = |task: usize, x: f64, y: f64| world.reward(&scenario.tasks[task], Point2::new(x, y));
+    let reward = |task: usize, x: f64, y: f64| world.plan.reward(&scenario.tasks[task], Point2::new(x, y));
     assert_eq!(reward(0, 1.5, 0.9), 1.0);
     assert_eq!(reward(0, 1.69, 0.9), 1.0);
     assert_eq!(reward(0, 1.71, 0.9), 0.0);

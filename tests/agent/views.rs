@@ -4,9 +4,11 @@
 
 use std::path::{Path, PathBuf};
 
+use adagio::robot::Pose;
 use adagio::scenario::{Change, Happens, Scenario};
+use adagio::vision::Image;
 use adagio::vision::observe;
-use adagio::world::{Image, Looks, Pose, World};
+use adagio::world::{Looks, World};
 use nalgebra::{Point2, Vector2};
 use rand::RngExt;
 use serde_json::Value;

@@ -10,9 +10,11 @@ use std::sync::{Arc, OnceLock};
 use crate::common::{adagio, generator, package_file, python, report, satisfies_other_tools, stderr, stdout};
 use adagio::log::messages::{FrameTaken, Image};
 use adagio::log::{LogReader, Record};
+use adagio::robot::{Action, Pose};
 use adagio::scenario::Scenario;
-use adagio::source::{Frame, Simulated, Source};
-use adagio::world::{Action, Pose, World};
+use adagio::source::{Frame, Source};
+use adagio::world::Simulated;
+use adagio::world::World;
 use image::codecs::{jpeg::JpegEncoder, png::PngEncoder};
 use image::{ExtendedColorType, ImageEncoder as _};
 use rand::RngExt;
@@ -49,7 +51,7 @@ fn drive() -> &'static Drive {
         let mut chosen = Vec::new();
         for _ in 0..ACTIONS {
             let draw = rng.random_range(0.0..1.0);
-            let action = Action::ALL[if draw < 0.5 {
+            let action = Action::DRIVE[if draw < 0.5 {
                 0
             } else if draw < 0.75 {
                 1
@@ -92,10 +94,11 @@ fn write_down(folder: &Path, scenario: &Scenario, frames: &[Frame], chosen: &[Ac
             PngEncoder::new(&mut as_png).write_image(&image.rgb, width, height, ExtendedColorType::Rgb8).unwrap();
             let next = chosen.get(i / per_action);
             let turn = scenario.robot.turn_deg.to_radians() / scenario.robot.action_seconds;
-            let command = next.map(|action| match action {
-                Action::Forward => [scenario.robot.forward / scenario.robot.action_seconds, 0.0],
-                Action::TurnLeft => [0.0, turn],
-                Action::TurnRight => [0.0, -turn],
+            let command = next.map(|&action| match action {
+                Action::FORWARD => [scenario.robot.forward / scenario.robot.action_seconds, 0.0],
+                Action::TURN_LEFT => [0.0, turn],
+                Action::TURN_RIGHT => [0.0, -turn],
+                _ => unreachable!("three actions"),
             });
             json!({
                 "stamp_ns": frame.stamp_ns,
@@ -104,7 +107,7 @@ fn write_down(folder: &Path, scenario: &Scenario, frames: &[Frame], chosen: &[Ac
                 "rgb": put("rgb", &mut rgb, &image.rgb),
                 "jpeg": put("jpeg", &mut jpeg, &as_jpeg),
                 "png": put("png", &mut png, &as_png),
-                "pose": [frame.pose.position.x, frame.pose.position.y, frame.pose.heading],
+                "pose": [frame.truth.unwrap().position.x, frame.truth.unwrap().position.y, frame.truth.unwrap().heading],
                 "odometry": odometry(frame, frames.get(i + 1)),
                 "scan": ring(&frame.sonar),
                 "command": command,
@@ -124,7 +127,7 @@ fn odometry(frame: &Frame, next: Option<&Frame>) -> Vec<Value> {
     let at = |share: f64| {
         let stamp = frame.stamp_ns as i64 + (share * 2e8) as i64;
         let share = share.max(0.0);
-        let turned = adagio::world::wrap(b.heading - a.heading);
+        let turned = adagio::robot::wrap(b.heading - a.heading);
         let pose = Pose::new(a.position + (b.position - a.position) * share, a.heading + share * turned);
         json!([stamp, pose.position.x, pose.position.y, pose.heading])
     };

@@ -12,10 +12,10 @@ use crate::common::{adagio, package_file, report, stderr, stdout};
 use adagio::log::messages::foreign::{CompressedImage, Int32};
 use adagio::log::messages::{self as msg, Header, Image, LaserScan, Odometry, PoseWithCovariance, Twist, Vector3};
 use adagio::log::{Message, cdr};
+use adagio::robot::Action;
 use adagio::scenario::Scenario;
 use adagio::source::imported::{Survey, frames_per_action};
 use adagio::source::{Imported, Source, View};
-use adagio::world::Action;
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder as _};
 use rand::RngExt;
@@ -291,7 +291,7 @@ fn mutated_bags_are_read_to_their_end() {
             assert!(matches!(&frame.view, View::Observation(pixels) if pixels.len() == 3 * 32 * 16));
             frames += 1;
             while more {
-                more = source.execute(Action::Forward, &mut |_| {
+                more = source.execute(Action::FORWARD, &mut |_| {
                     frames += 1;
                     true
                 });

@@ -23,10 +23,10 @@ use crate::agent::runtime::timing::Schedule;
 use crate::parts::{Parts, PartsError, Persist};
 use crate::policy::{Behaviour, Learned, Leg, Recent, Reflexes, Tally, Walk};
 use crate::random::stream;
+use crate::robot::Action;
 use crate::scenario::{Mode, Scenario};
 use crate::value::Fit;
 use crate::vision::Observation;
-use crate::world::Action;
 
 /// Exploration, pursuit and reflexes.
 pub struct Act {
@@ -40,12 +40,11 @@ pub struct Act {
 impl Act {
     /// An actor without a policy: it explores.
     pub fn new(scenario: &Scenario) -> Self {
-        let radius = scenario.robot.radius;
         Act {
             learned: None,
             behaviour: Behaviour::new(scenario, stream(scenario.seed, "legs")),
-            walk: Walk::new(&scenario.policy, radius, stream(scenario.seed, "explore")),
-            reflexes: Reflexes::new(&scenario.policy),
+            walk: Walk::new(scenario, stream(scenario.seed, "explore")),
+            reflexes: Reflexes::new(scenario),
             number: 0,
         }
     }
@@ -61,7 +60,7 @@ impl Act {
         let (action, q_values, reflex) = match (leg, &self.learned) {
             (Leg::Pursue(task), Some(learned)) => {
                 let values = learned.q_values(&percept.observation, task);
-                let (action, reflex) = self.reflexes.best(values, percept.recent);
+                let (action, reflex) = self.reflexes.best(&values, percept.recent);
                 (action, Some(values), reflex)
             }
             _ => (self.walk.choose(&percept.sonar, self.reflexes, percept.recent), None, false),

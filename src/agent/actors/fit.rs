@@ -26,7 +26,6 @@ use crate::value::{
     greedy,
 };
 use crate::vision::Observation;
-use crate::world::Action;
 
 /// Observations that are projected in one product: their products and kernel values take `12 · 512 · m` bytes, and what a device is at
 /// twice as much again.
@@ -93,7 +92,8 @@ impl FitPolicies {
         let settings = &self.scenario.value;
         let mut sorted: Vec<&Lived> = window.iter().collect();
         sorted.sort_by_key(|t| t.action);
-        let counts = Action::ALL.iter().map(|a| sorted.iter().filter(|t| t.action == a.index()).count()).collect();
+        let actions = self.scenario.robot.actions();
+        let counts = actions.iter().map(|a| sorted.iter().filter(|t| t.action == a.index()).count()).collect();
         let points = points(model, projected.phi.as_ref(), settings.metric_features);
         let at = |place: &dyn Fn(&Lived) -> u64| {
             let places: Vec<usize> = sorted.iter().map(|t| projected.place[&place(t)]).collect();
@@ -123,7 +123,7 @@ impl FitPolicies {
             from.iter().zip(&actions).map(|(&place, &action)| (projected.cell[place], action)).collect();
         let weights = balance(&groups, settings.balance)?;
         let samples = Samples { phi: phi.as_ref(), actions: &actions, weights: &weights };
-        let problem = Lspi::new(samples, Action::ALL.len(), self.par)?;
+        let problem = Lspi::new(samples, self.scenario.robot.actions().len(), self.par)?;
         let options = LspiOptions {
             gamma: settings.gamma,
             ridge: settings.ridge,

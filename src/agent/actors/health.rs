@@ -5,13 +5,13 @@ use std::time::{Duration, Instant};
 
 use super::record::{Level, Recorder};
 use crate::agent::runtime::status::{Status, resident_bytes};
-use crate::world::Looks;
+use crate::gpu::Choice;
 
 /// How often the run's health goes into the log.
 const HEALTH_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Its loop, until the run is `over`.
-pub fn run(record: &Recorder, status: &Status, looks: &Looks, over: &AtomicBool) {
+pub fn run(record: &Recorder, status: &Status, rendered_by: impl Fn() -> Option<Choice>, over: &AtomicBool) {
     let (mut last, mut frames) = (Instant::now(), 0);
     let mut told = false;
     loop {
@@ -25,7 +25,7 @@ pub fn run(record: &Recorder, status: &Status, looks: &Looks, over: &AtomicBool)
         let rate = (now.frames - frames) as f64 / last.elapsed().as_secs_f64();
         (last, frames) = (Instant::now(), now.frames);
         // From about here on pictures are another renderer's.
-        let failed = looks.rendered_by().and_then(|by| by.failed).filter(|_| !told);
+        let failed = rendered_by().and_then(|by| by.failed).filter(|_| !told);
         if let Some(failed) = failed {
             told = true;
             let text = format!("pictures: {failed}; the processor goes on");

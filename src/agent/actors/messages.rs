@@ -5,10 +5,10 @@ use std::sync::Arc;
 use crate::agent::runtime::marker::Marker;
 use crate::dictionary::Dictionary;
 use crate::policy::{Learned, Leg, Recent};
+use crate::robot::{Action, ActionValues};
 use crate::slow::{Moments, SlowModel};
 use crate::value::{Fit, Transition};
 use crate::vision::Observation;
-use crate::world::Action;
 
 /// What goes from actor to actor: its work, and between two actions now and then the state of the run.
 pub enum Item<T> {
@@ -93,7 +93,7 @@ pub struct Decision {
     /// Epoch of the policy, 0 without one.
     pub epoch: u32,
     /// Q-values of the pursued task.
-    pub q_values: Option<[f64; 3]>,
+    pub q_values: Option<ActionValues>,
     /// Whether a reflex replaced the policy's wish.
     pub reflex: bool,
 }

@@ -12,10 +12,10 @@ use crate::evaluate::TaskResult;
 use crate::log::messages as msg;
 use crate::log::{LogError, Message, RunLog, RunTotals, Topic, topics};
 use crate::policy::{Learned, Leg};
+use crate::robot::{Action, ActionSet, Pose};
 use crate::scenario::Scenario;
 use crate::source::{Frame, GoalMove};
 use crate::vision::Observation;
-use crate::world::{Action, Pose};
 
 /// One write, to be done by the thread that owns the file.
 pub type Write = Box<dyn FnOnce(&mut RunLog) -> Result<(), LogError> + Send>;
@@ -25,6 +25,7 @@ pub type Write = Box<dyn FnOnce(&mut RunLog) -> Result<(), LogError> + Send>;
 pub struct Recorder {
     outbox: Outbox<Write>,
     scenario: Arc<Scenario>,
+    actions: ActionSet,
 }
 
 /// Level of a diagnostic.
@@ -74,7 +75,7 @@ pub fn write_log(
 
 impl Recorder {
     pub fn new(outbox: Outbox<Write>, scenario: Arc<Scenario>) -> Self {
-        Recorder { outbox, scenario }
+        Recorder { actions: scenario.robot.actions(), outbox, scenario }
     }
 
     fn write<M: Message + Send + 'static>(
@@ -105,8 +106,10 @@ impl Recorder {
     pub fn frame(&self, frame: &Frame) -> Result<(), Closed> {
         let (number, stamp) = (frame.number, frame.stamp_ns);
         let header = |frame_id: &str| msg::Header::new(stamp, frame_id);
-        let pose = msg::PoseStamped { header: header("map"), pose: planar(&frame.pose) };
-        self.write(topics::POSE, number, stamp, pose)?;
+        if let Some(truth) = &frame.truth {
+            let pose = msg::PoseStamped { header: header("map"), pose: planar(truth) };
+            self.write(topics::POSE, number, stamp, pose)?;
+        }
         let odometry = msg::Odometry {
             header: header("odom"),
             child_frame_id: "base_link".into(),
@@ -178,13 +181,9 @@ impl Recorder {
 
     /// A decision, and the command that follows from it.
     pub fn decision(&self, decision: &Decision, frame: u64, stamp_ns: u64) -> Result<(), Closed> {
-        let robot = &self.scenario.robot;
-        let turn = robot.turn_deg.to_radians() / robot.action_seconds;
-        let (linear, angular) = match decision.action {
-            Action::Forward => (robot.forward / robot.action_seconds, 0.0),
-            Action::TurnLeft => (0.0, turn),
-            Action::TurnRight => (0.0, -turn),
-        };
+        let motion = self.actions.motion(decision.action);
+        let seconds = self.scenario.robot.action_seconds;
+        let (linear, angular) = (motion.distance / seconds, motion.angle / seconds);
         let command = msg::TwistStamped {
             header: msg::Header::new(stamp_ns, "base_link"),
             twist: msg::Twist {

@@ -8,9 +8,9 @@ use nalgebra::Point2;
 use crate::kernel::Kernel;
 use crate::parts::{Parts, PartsError};
 use crate::policy::{Learned, Recent};
+use crate::robot::{Action, MOST_ACTIONS};
 use crate::slow::{Link, SlowModel};
 use crate::value::{Instances, LocalOptions};
-use crate::world::Action;
 
 /// What was learned.
 pub fn learned(parts: &mut Parts, name: &str, learned: &mut Option<Arc<Learned>>) -> Result<(), PartsError> {
@@ -120,9 +120,9 @@ pub fn place_of(bits: [u64; 2]) -> Point2<f64> {
 
 /// An action from its number.
 pub fn action_of(parts: &Parts, number: usize) -> Result<Action, PartsError> {
-    let action = Action::ALL.get(number).copied();
+    let action = Action::first(MOST_ACTIONS).nth(number);
     parts.check("action", action.is_some(), "no action has this number")?;
-    Ok(action.unwrap_or(Action::Forward))
+    Ok(action.unwrap_or(Action::FORWARD))
 }
 
 /// What the robot did last, by the numbers of actions.

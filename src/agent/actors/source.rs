@@ -8,8 +8,8 @@ use crate::agent::runtime::controls::Controls;
 use crate::agent::runtime::marker::Quiet;
 use crate::agent::runtime::queue::{Inbox, Outbox};
 use crate::agent::runtime::status::Status;
+use crate::robot::Action;
 use crate::source::{Frame, Source};
-use crate::world::Action;
 
 /// Longest time that the source waits until a snapshot has been taken out of the queue of frames.
 const HAND_OVER: Duration = Duration::from_secs(10);

@@ -7,13 +7,12 @@ use nalgebra::Point2;
 use super::messages::Judged;
 use super::saved::wrong;
 use crate::parts::{Parts, PartsError, Persist};
-use crate::scenario::{Happens, Scenario, Task};
+use crate::scenario::{Happens, Plan, Scenario, Task, in_goal};
 use crate::source::GoalMove;
-use crate::world::{World, in_goal};
 
 /// The tasks of a run, with their goals where they are now.
 pub struct Goals {
-    world: Arc<World>,
+    plan: Arc<Plan>,
     tasks: Vec<Task>,
     /// What the scenario moves from which frame on, in order; the first `done` of them are where they shall be.
     script: Vec<(u64, GoalMove)>,
@@ -22,8 +21,8 @@ pub struct Goals {
 
 impl Goals {
     /// The tasks of a scenario as they are at first.
-    pub fn new(scenario: &Scenario, world: Arc<World>) -> Self {
-        Goals { world, tasks: scenario.tasks.clone(), script: script(scenario), done: 0 }
+    pub fn new(scenario: &Scenario, plan: Arc<Plan>) -> Self {
+        Goals { plan, tasks: scenario.tasks.clone(), script: script(scenario), done: 0 }
     }
 
     /// Move goals as the scenario has it up to a frame, and then as somebody wished. Returns what did move.
@@ -48,7 +47,7 @@ impl Goals {
     /// What an action that ended at a place, as the ceiling camera sees it, is worth to the tasks as they are now.
     pub fn judge(&self, place: Point2<f64>) -> Judged {
         Judged {
-            rewards: self.tasks.iter().map(|task| self.world.reward(task, place)).collect(),
+            rewards: self.tasks.iter().map(|task| self.plan.reward(task, place)).collect(),
             in_goal: self.tasks.iter().map(|task| in_goal(task, place)).collect(),
         }
     }

@@ -179,10 +179,15 @@ pub fn read_checkpoint(bytes: &[u8], path: &Path) -> Result<(Learned, Scenario),
         let options = LocalOptions { neighbours: scenario.value.neighbours, ridge: scenario.value.local_ridge };
         Some(Arc::new(Instances::new(points, counts, options).map_err(damaged)?))
     };
+    let actions = scenario.robot.actions().len();
+    if let Some(found) = instances.as_ref().map(|instances| instances.counts().len()).filter(|&found| found != actions)
+    {
+        return Err(damaged(format!("its transitions are of {found} actions, and the robot has {actions}")));
+    }
     let mut weights = Vec::new();
     for task in 0..scenario.tasks.len() {
         let of_task = read_matrix(&format!("weights.{task}"))?;
-        if instances.is_none() && (of_task.nrows() != k + 1 || of_task.ncols() != 3) {
+        if instances.is_none() && (of_task.nrows() != k + 1 || of_task.ncols() != actions) {
             return Err(damaged(format!("weights.{task} has a shape that does not fit {k} features")));
         }
         weights.push(of_task);

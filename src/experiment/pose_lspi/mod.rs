@@ -20,9 +20,9 @@ use super::quality::{Quality, reference_trips};
 use super::{Bench, Experiment, ExperimentError, Once, Results, Sizes};
 use crate::evaluate::{Evaluator, Trip};
 use crate::policy::Reflexes;
+use crate::robot::Pose;
 use crate::slow::theory::OptimalResponses;
 use crate::value::{Fit, Lspi, LspiOptions, Outcomes, Samples, Start};
-use crate::world::Pose;
 
 /// The experiment.
 pub const EXPERIMENT: Experiment = Experiment {
@@ -163,7 +163,7 @@ impl Prepared<'_> {
             .collect::<Result<_, _>>()?;
         bench.go_on()?;
         let uniform = fit(Start::Uniform)?;
-        let reflexes = Reflexes::new(&lab.scenario.policy);
+        let reflexes = Reflexes::new(&lab.scenario);
         let allowed: Vec<u32> = used.iter().map(|t| reflexes.allowed(t.recent)).collect();
         let options = LspiOptions {
             ridge: value.ridge,
@@ -179,8 +179,8 @@ impl Prepared<'_> {
             quality: self.quality(fit, &theory, reflexes),
         };
         Ok(Outcome {
-            drawn: drawn.iter().flatten().map(|fit| judged(fit, Reflexes::OFF)).collect(),
-            uniform: judged(&uniform, Reflexes::OFF),
+            drawn: drawn.iter().flatten().map(|fit| judged(fit, reflexes.off())).collect(),
+            uniform: judged(&uniform, reflexes.off()),
             ours: judged(&ours, reflexes),
         })
     }
@@ -192,7 +192,7 @@ impl Prepared<'_> {
                 let weights = fit.weights.col(a);
                 weights[0] + (0..waves.nrows()).map(|i| weights[i + 1] * waves[(i, 0)]).sum::<f64>()
             };
-            reflexes.best([worth(0), worth(1), worth(2)], situation.recent).0
+            reflexes.best(&[worth(0), worth(1), worth(2)], situation.recent).0
         });
         Quality::of(&trips, &self.reference, self.lab.scenario.value.gamma)
     }

@@ -8,7 +8,7 @@ use super::{room_of, rooms};
 use crate::experiment::lab::Lab;
 use crate::experiment::maps::{Grid, HEADINGS};
 use crate::experiment::spans::{by_place, standardised};
-use crate::world::Pose;
+use crate::robot::Pose;
 
 /// Steps in which values of maps are kept.
 pub const STEP: f64 = 0.01;

@@ -20,10 +20,11 @@ use super::{Bench, ExperimentError};
 use crate::evaluate::draw_pose;
 use crate::policy::Recent;
 use crate::random::stream;
+use crate::robot::{Action, Pose, wrap};
 use crate::scenario::Room;
 use crate::slow::region::{Region, RegionResponses};
 use crate::slow::{Link, SlowModel};
-use crate::world::{Action, Pose, Robot, wrap};
+use crate::world::Robot;
 
 /// Transitions of the thesis's training set (§5.3, *two room training set*).
 const TRANSITIONS: usize = 50_000;
@@ -48,7 +49,7 @@ impl Pairs {
         let cells: Vec<Point2<f64>> = world.plan.reachable_cells().collect();
         let mut pairs = Pairs { poses: Vec::new(), transitions: Vec::new() };
         for _ in 0..count {
-            let action = Action::ALL[random.random_range(0..Action::ALL.len())];
+            let action = Action::DRIVE[random.random_range(0..Action::DRIVE.len())];
             robot.pose = draw_pose(&world.plan, &cells, &mut random, |_| false);
             pairs.poses.push(robot.pose);
             let motion = robot.draw(action);
@@ -63,13 +64,13 @@ impl Pairs {
 
     /// Rewards of a task.
     fn rewards(&self, lab: &Lab, task: usize) -> Vec<f64> {
-        let reward = |t: &Transition| lab.world.reward(lab.task(task), self.poses[t.to].position);
+        let reward = |t: &Transition| lab.world.plan.reward(lab.task(task), self.poses[t.to].position);
         self.transitions.iter().map(reward).collect()
     }
 
     /// What joins the frames: the second of each pair to the first.
     fn links(&self, lab: &Lab) -> Vec<Option<Link>> {
-        let weight = |t: &Transition| if t.action == Action::Forward { lab.scenario.slow.move_weight } else { 1.0 };
+        let weight = |t: &Transition| if t.action == Action::FORWARD { lab.scenario.slow.move_weight } else { 1.0 };
         let dt = lab.scenario.robot.action_seconds;
         self.transitions.iter().flat_map(|t| [None, Some(Link { dt, weight: weight(t) })]).collect()
     }
@@ -162,7 +163,7 @@ mod tests {
         let lab = Lab::two_rooms(12, &[]).unwrap();
         let pairs = Pairs::draw(&lab, 6000);
         assert_eq!((pairs.poses.len(), pairs.transitions.len()), (12_000, 6000));
-        for action in Action::ALL {
+        for action in Action::DRIVE {
             let count = pairs.transitions.iter().filter(|t| t.action == action).count();
             assert!((1850..2150).contains(&count), "{action:?}: {count}");
         }
@@ -177,7 +178,7 @@ mod tests {
         }
         for t in &pairs.transitions {
             let way = (pairs.poses[t.to].position - pairs.poses[t.from].position).norm();
-            assert!(if t.action == Action::Forward { t.blocked || way > 0.2 } else { way == 0.0 });
+            assert!(if t.action == Action::FORWARD { t.blocked || way > 0.2 } else { way == 0.0 });
         }
     }
 }

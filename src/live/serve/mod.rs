@@ -124,7 +124,7 @@ struct Shared {
     published: Mutex<Published>,
     controls: Arc<Controls>,
     tasks: Vec<Task>,
-    plan: Plan,
+    plan: Arc<Plan>,
     /// A client wants the run to end.
     stop: AtomicBool,
     /// When a client asked last.

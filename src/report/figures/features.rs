@@ -6,9 +6,9 @@ use super::policy::headings;
 use super::{Figure, Item, Material, Section};
 use crate::report::draw::{Axis, Chart, Colours, DrawError, Line, Mark, Panel, Panels, SERIES, Stroke};
 use crate::report::survey::{FEATURES, HEADINGS, Survey, angle, features_of};
+use crate::robot::wrap;
 use crate::slow::theory::{Axis as Side, MOST_RESPONSES, OptimalResponses, plane_motion};
 use crate::vision::Observation;
-use crate::world::wrap;
 
 /// Features have mean 0 and variance 1 over the frames: colours reach two deviations.
 const REACH: f64 = 2.0;

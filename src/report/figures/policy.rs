@@ -8,7 +8,7 @@ use crate::report::draw::{Colours, DrawError, GOAL, Grid, INK, Mark, PATH, Panel
 use crate::report::gather::CELL;
 use crate::report::room::HATCH;
 use crate::report::survey::{HEADINGS, Map, Survey, angle};
-use crate::world::in_goal;
+use crate::scenario::in_goal;
 
 /// Most arrows along the longer side of a room.
 const ARROWS: usize = 18;

@@ -4,7 +4,7 @@ use super::{Figure, Item, Material, Section};
 use crate::report::Numbered;
 use crate::report::draw::{DrawError, Picture, gallery};
 use crate::report::gather::Sample;
-use crate::world::Image;
+use crate::vision::Image;
 
 /// Frames that are shown.
 const SHOWN: usize = 4;

@@ -21,7 +21,7 @@ use crate::log::messages::{
 };
 use crate::log::writer::METADATA_NAME;
 use crate::log::{FilesReader, LogError, Record, topics};
-use crate::world::{Pose, wrap};
+use crate::robot::{Pose, wrap};
 
 /// Entries of series that become lines.
 const LINE: usize = 1200;

@@ -1,6 +1,6 @@
 //! What is kept of a log's messages.
 
-use crate::world::Pose;
+use crate::robot::Pose;
 
 /// Something recorded at a pose.
 #[derive(Debug, Clone)]

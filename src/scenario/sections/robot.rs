@@ -1,5 +1,6 @@
 //! `[robot]`, `[camera]`, `[vision]`: what drives, and what it sees.
 
+use crate::robot::ActionSet;
 use crate::scenario::keys::{Range, Section};
 
 /// `[robot]`
@@ -39,6 +40,11 @@ impl Robot {
     /// Time between frames, seconds.
     pub fn frame_seconds(&self) -> f64 {
         self.action_seconds / self.frames_per_action as f64
+    }
+
+    /// The actions of the robot: forward, and a turn to either side.
+    pub fn actions(&self) -> ActionSet {
+        ActionSet::differential_drive(self.forward, self.turn_deg.to_radians())
     }
 }
 

@@ -31,8 +31,8 @@ use self::senses::{Sensed, Senses};
 use self::told::Told;
 use super::{Boundary, Cutter, Frame, Rule, Segment, Source, Step, View};
 use crate::log::FilesReader;
+use crate::robot::Action;
 use crate::scenario::Scenario;
-use crate::world::Action;
 
 /// Most frames that an action of a scenario may have.
 const MOST_FRAMES_PER_ACTION: f64 = 100.0;
@@ -292,7 +292,7 @@ impl Imported {
             stamp_ns: sensed.stamp_ns,
             // It is given once: only its pose is needed again.
             view: View::Observation(std::mem::take(&mut sensed.pixels)),
-            pose: sensed.pose,
+            truth: Some(sensed.pose),
             odometry: sensed.pose,
             sonar: std::mem::take(&mut sensed.sonar),
             action,

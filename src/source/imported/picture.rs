@@ -7,7 +7,7 @@ use thiserror::Error;
 
 use crate::log::messages::{self as msg, foreign};
 use crate::scenario::{Camera, Vision};
-use crate::world::Image;
+use crate::vision::Image;
 
 /// Most pixels of an image: 4096 × 4096. A file of a few bytes may claim any size; memory is only taken for less than this.
 pub const MOST_PIXELS: u64 = 4096 * 4096;

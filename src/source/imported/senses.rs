@@ -9,9 +9,9 @@ use super::picture::{self, PictureError};
 use super::survey::{Roles, stamp_ns};
 use crate::log::messages::{self as msg, Message, foreign};
 use crate::log::{FilesReader, LogError, Record, cdr};
+use crate::robot::{Action, Pose, wrap};
 use crate::scenario::Scenario;
 use crate::vision::Observer;
-use crate::world::{Action, Pose, wrap};
 
 /// Images that wait for a pose after them; then the oldest is given up.
 const MOST_WAITING: usize = 4096;
@@ -329,7 +329,7 @@ impl Senses {
                 _ => None,
             },
         };
-        let action = number.and_then(|number| Action::ALL.get(usize::try_from(number).ok()?).copied());
+        let action = number.and_then(|number| Action::DRIVE.get(usize::try_from(number).ok()?).copied());
         keep(&mut self.actions, (stamp_ns, action), MOST_AHEAD);
         Ok(())
     }

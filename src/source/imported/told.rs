@@ -2,8 +2,8 @@
 
 use std::collections::VecDeque;
 
+use crate::robot::Action;
 use crate::source::{Segment, Step};
-use crate::world::Action;
 
 /// An action that is told lasts no longer than this many usual durations; later frames belong to none.
 const LONGEST: f64 = 2.0;
@@ -54,7 +54,7 @@ impl Told {
 
     fn close(&mut self) {
         if self.frames > 0 {
-            let blocked = self.action == Some(Action::Forward) && self.ahead < HALF;
+            let blocked = self.action == Some(Action::FORWARD) && self.ahead < HALF;
             self.finished.push_back(Segment { frames: self.frames, action: self.action, blocked });
         }
         (self.frames, self.ahead) = (0, 0.0);
@@ -75,13 +75,13 @@ mod tests {
     fn each_action_lasts_to_the_next_but_not_for_ever() {
         let mut told = Told::default();
         steps(&mut told, 3, 0.0);
-        told.begin(Some(Action::Forward));
+        told.begin(Some(Action::FORWARD));
         steps(&mut told, 5, 0.2);
-        told.begin(Some(Action::Forward));
+        told.begin(Some(Action::FORWARD));
         steps(&mut told, 5, 0.05);
-        told.begin(Some(Action::TurnLeft));
+        told.begin(Some(Action::TURN_LEFT));
         steps(&mut told, 14, 0.0);
-        told.begin(Some(Action::TurnRight));
+        told.begin(Some(Action::TURN_RIGHT));
         steps(&mut told, 2, 0.0);
         told.interrupt();
         let found: Vec<_> = std::iter::from_fn(|| told.finished())

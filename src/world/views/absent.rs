@@ -3,9 +3,10 @@
 use std::convert::Infallible;
 use std::sync::Arc;
 
+use super::Camera;
 use super::batch::Eye;
-use super::{Camera, Image};
 use crate::gpu::{Gpu, GpuError};
+use crate::vision::Image;
 
 /// The renderer of a camera's views: none.
 pub struct Views(Infallible);

@@ -17,9 +17,10 @@ use wgpu::{
 };
 
 use self::scene::{Scene, Words};
+use super::Camera;
 use super::batch::{Eye, on_all_threads};
-use super::{Camera, Image};
 use crate::gpu::{Gpu, GpuError};
+use crate::vision::Image;
 
 /// Pixels rendered at once, at most: 50 MB of colours, for each of two parts here and on the device.
 const MOST_PIXELS: u64 = 1 << 24;

@@ -2,8 +2,9 @@
 
 use nalgebra::{Point2, Vector2};
 
+use super::super::Camera;
 use super::super::distractors::Present;
-use super::super::{Camera, Pose};
+use crate::robot::Pose;
 
 /// Rows of four words.
 pub type Words = Vec<[u32; 4]>;

@@ -21,12 +21,12 @@ use crate::agent::runtime::timing::Schedule;
 use crate::dictionary::{Ald, DictionaryError, Parameters, Reservoir, Selection, width_for_size};
 use crate::kernel::{Kernel, KernelError, median_distance};
 use crate::policy::{Recent, Reflexes, columns};
-use crate::scenario::{self, Scenario, SelectionRule};
+use crate::robot::{Action, ActionSet};
+use crate::scenario::{self, Plan, Scenario, SelectionRule};
 use crate::slow::{Link, SlowError, SlowStream, StreamOptions};
 use crate::source::{Frame, GoalMove, View};
 use crate::value::{Transition, Window};
 use crate::vision::{Observation, Observer};
-use crate::world::{Action, World};
 
 /// How many new support vectors are gathered before retained frames get their coordinates.
 const SETTLE_AT: usize = 128;
@@ -73,6 +73,7 @@ pub struct Perceive {
     window: Window<Arc<Observation>, Point2<f64>>,
     last_number: Option<u64>,
     reflexes: Reflexes,
+    actions: ActionSet,
     /// What the reflexes are to know of the actions so far.
     recent: Recent,
     /// The observation before the action that is going on, and its cell.
@@ -89,12 +90,13 @@ pub struct Perceive {
 
 impl Perceive {
     /// An actor that has seen nothing.
-    pub fn new(scenario: Arc<Scenario>, world: Arc<World>, schedule: Arc<Schedule>) -> Self {
+    pub fn new(scenario: Arc<Scenario>, plan: Arc<Plan>, schedule: Arc<Schedule>) -> Self {
         Perceive {
-            goals: Goals::new(&scenario, world),
+            goals: Goals::new(&scenario, plan),
             window: Window::new(scenario.value.window),
             par: parallelism(&scenario.agent),
-            reflexes: Reflexes::new(&scenario.policy),
+            reflexes: Reflexes::new(&scenario),
+            actions: scenario.robot.actions(),
             scenario,
             schedule,
             observer: Observer::default(),
@@ -127,9 +129,10 @@ impl Perceive {
         let follows = self.last_number.is_some_and(|last| last + 1 == frame.number);
         let link = frame.action.filter(|_| follows).map(|action| Link {
             dt: self.scenario.robot.frame_seconds(),
-            weight: if action == Action::Forward { self.scenario.slow.move_weight } else { 1.0 },
+            weight: if self.actions.advances(action) { self.scenario.slow.move_weight } else { 1.0 },
         });
-        let place = frame.pose.position;
+        // Nothing is near a place that nobody knows: no reward, no goal.
+        let place = frame.truth.map_or(Point2::new(f64::NAN, f64::NAN), |pose| pose.position);
         if let Some(boundary) = &frame.boundary {
             // Without an action the recording was interrupted: what was before has nothing to do with it.
             let after = |action| self.recent.then(action, boundary.blocked);
@@ -368,35 +371,35 @@ impl Begin {
 mod tests {
     use super::*;
     use crate::parts::{Parts, Persist};
+    use crate::robot::Pose;
     use crate::source::Boundary;
-    use crate::world::Pose;
 
     #[test]
     fn percepts_know_the_turn_before_a_push_until_a_recording_is_interrupted() {
         let text = include_str!("../../../../scenarios/lab.toml");
         let scenario = Arc::new(Scenario::parse(text, std::path::Path::new("lab.toml"), &[]).unwrap());
-        let world = Arc::new(World::new(&scenario).unwrap());
+        let plan = Arc::new(Plan::new(&scenario).unwrap());
         let schedule = || Arc::new(Schedule::new(&scenario.agent, None));
-        let mut perceive = Perceive::new(scenario.clone(), world.clone(), schedule());
+        let mut perceive = Perceive::new(scenario.clone(), plan.clone(), schedule());
         let frame = |number: u64, action: Option<Action>, blocked: bool| {
             let pose = Pose::new(Point2::new(1.5, 0.9), 0.0);
             let pixels = vec![128; 3 * scenario.vision.width * scenario.vision.height];
             let (sonar, moved) = (vec![1.0; 16], Vec::new());
             let (view, boundary) = (View::Observation(pixels), Some(Boundary { blocked }));
-            Frame { number, stamp_ns: number, view, pose, odometry: pose, sonar, action, boundary, moved }
+            Frame { number, stamp_ns: number, view, truth: Some(pose), odometry: pose, sonar, action, boundary, moved }
         };
         let mut see = |frame| (perceive.see(frame).percept.unwrap().recent, perceive.pending.last().unwrap().boundary);
         assert_eq!(see(frame(0, None, false)).0, Recent::default());
-        see(frame(1, Some(Action::TurnLeft), false));
-        let (recent, boundary) = see(frame(2, Some(Action::Forward), true));
-        assert_eq!(recent, Recent { action: Some(Action::TurnLeft), blocked: Some(Action::Forward) });
+        see(frame(1, Some(Action::TURN_LEFT), false));
+        let (recent, boundary) = see(frame(2, Some(Action::FORWARD), true));
+        assert_eq!(recent, Recent { action: Some(Action::TURN_LEFT), blocked: Some(Action::FORWARD) });
         // Only the same turn may follow, and that is what values will count on.
-        assert_eq!(boundary.unwrap().1, 1 << Action::TurnLeft.index());
+        assert_eq!(boundary.unwrap().1, 1 << Action::TURN_LEFT.index());
 
         // It is the same after it was put away and made again.
         let mut parts = Parts::new();
         perceive.persist(&mut parts).unwrap();
-        let mut again = Perceive::new(scenario.clone(), world, schedule());
+        let mut again = Perceive::new(scenario.clone(), plan, schedule());
         again.persist(&mut Parts::restoring(parts.matrices, parts.texts)).unwrap();
         assert_eq!(again.recent, recent);
         assert_eq!(again.pending.last().unwrap().boundary, boundary);

@@ -9,9 +9,9 @@ use serde::{Deserialize, Serialize};
 use super::super::saved::{action_of, link_bits, link_of, place_bits, place_of, recent_numbers, recent_of, wrong};
 use super::{Pending, Perceive};
 use crate::parts::{Parts, PartsError, Persist};
+use crate::robot::Action;
 use crate::value::{Transition, Window};
 use crate::vision::Observation;
-use crate::world::Action;
 
 /// A frame that waits, with its observation named by its frame.
 #[derive(Serialize, Deserialize)]

@@ -14,17 +14,18 @@ use serde::{Deserialize, Serialize};
 
 use self::shown::{best, plots, table};
 use super::{Pairs, TRANSITIONS, Training, VECTORS, apply, optimal_responses, room_of, rooms, train};
+use crate::evaluate::reference_action;
 use crate::evaluate::{Evaluator, Trip};
 use crate::experiment::lab::{Lab, points};
 use crate::experiment::quality::Quality;
 use crate::experiment::trained::trips;
 use crate::experiment::{Band, Bench, Experiment, ExperimentError, Once, Results, Sizes};
-use crate::policy::{Reflexes, reference_action};
+use crate::policy::Reflexes;
+use crate::robot::{Action, Pose};
 use crate::slow::SlowModel;
 use crate::slow::region::RegionResponses;
 use crate::slow::theory::{OptimalResponses, plane_motion};
 use crate::value::{Fit, Lspi, LspiOptions, Outcomes, Samples};
-use crate::world::{Action, Pose};
 
 /// The experiment.
 pub const EXPERIMENT: Experiment = Experiment {
@@ -101,7 +102,8 @@ impl Iteration {
     }
 
     fn reflexes(self, lab: &Lab) -> Reflexes {
-        if self == Iteration::Ours { Reflexes::new(&lab.scenario.policy) } else { Reflexes::OFF }
+        let reflexes = Reflexes::new(&lab.scenario);
+        if self == Iteration::Ours { reflexes } else { reflexes.off() }
     }
 
     fn options(self, lab: &Lab) -> LspiOptions {
@@ -245,7 +247,7 @@ impl<'a> Shared<'a> {
                 let weights = fit.weights.col(a);
                 weights[0] + (1..weights.nrows()).map(|i| weights[i] * phi[(i - 1, 0)]).sum::<f64>()
             };
-            reflexes.best([worth(0), worth(1), worth(2)], situation.recent).0
+            reflexes.best(&[worth(0), worth(1), worth(2)], situation.recent).0
         }))
     }
 

@@ -4,11 +4,13 @@ use std::sync::Arc;
 
 use nalgebra::Point2;
 
-use super::{Boundary, Frame, Source, View};
+use super::{Robot, Sensor, World};
 use crate::parts::{Parts, PartsError};
 use crate::random::stream;
+use crate::robot::{Action, Pose};
 use crate::scenario::Scenario;
-use crate::world::{Action, Image, Pose, Robot, Sensor, World};
+use crate::source::{Boundary, Frame, Source, View};
+use crate::vision::Image;
 
 /// Simulated time begins on 2000-01-01 00:00 UTC, so that the log of a seed is the same whenever it is run, and viewers that
 /// want plausible dates are content.
@@ -43,7 +45,7 @@ impl Simulated {
             number,
             stamp_ns: EPOCH_NS + (seconds * 1e9).round() as u64,
             view: View::Image(image),
-            pose: self.robot.pose,
+            truth: Some(self.robot.pose),
             odometry: self.robot.odometry,
             sonar: self.robot.sonar(&self.world.arena),
             action,

@@ -2,7 +2,7 @@
 
 use nalgebra::Point2;
 
-use crate::world::{Action, Pose, wrap};
+use crate::robot::{Action, Pose, wrap};
 
 /// Drive forward while the goal is within 45° of the heading, else turn towards it.
 ///
@@ -14,11 +14,11 @@ pub fn reference_action(pose: &Pose, goal: Point2<f64>) -> Action {
     let to = goal - pose.position;
     let off = wrap(pose.heading - to.y.atan2(to.x));
     if off.abs() <= std::f64::consts::FRAC_PI_4 {
-        Action::Forward
+        Action::FORWARD
     } else if off < 0.0 {
-        Action::TurnLeft
+        Action::TURN_LEFT
     } else {
-        Action::TurnRight
+        Action::TURN_RIGHT
     }
 }
 
@@ -30,10 +30,10 @@ mod tests {
     fn it_turns_towards_the_goal_and_drives() {
         let at = |heading: f64| Pose::new(Point2::new(1.0, 1.0), heading.to_radians());
         let goal = Point2::new(2.0, 1.0);
-        assert_eq!(reference_action(&at(40.0), goal), Action::Forward);
-        assert_eq!(reference_action(&at(-44.0), goal), Action::Forward);
-        assert_eq!(reference_action(&at(60.0), goal), Action::TurnRight);
-        assert_eq!(reference_action(&at(-60.0), goal), Action::TurnLeft);
-        assert_eq!(reference_action(&at(170.0), Point2::new(0.0, 1.0)), Action::Forward);
+        assert_eq!(reference_action(&at(40.0), goal), Action::FORWARD);
+        assert_eq!(reference_action(&at(-44.0), goal), Action::FORWARD);
+        assert_eq!(reference_action(&at(60.0), goal), Action::TURN_RIGHT);
+        assert_eq!(reference_action(&at(-60.0), goal), Action::TURN_LEFT);
+        assert_eq!(reference_action(&at(170.0), Point2::new(0.0, 1.0)), Action::FORWARD);
     }
 }

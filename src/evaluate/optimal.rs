@@ -5,8 +5,10 @@ use std::hash::{BuildHasherDefault, Hasher};
 
 use nalgebra::{Point2, Vector2};
 
+use crate::robot::Pose;
+use crate::scenario::in_goal;
 use crate::scenario::{Robot, Task};
-use crate::world::{Action, Arena, FrameMotion, Pose, drive, in_goal};
+use crate::world::{Arena, FrameMotion, drive};
 
 /// Poses that agree within this distance (metres) and angle (degrees) count as one.
 const SAME_PLACE: f64 = 0.02;
@@ -26,12 +28,9 @@ pub fn optimal_steps(arena: &Arena, robot: &Robot, task: &Task, start: Pose, mos
     if in_goal(task, start.position) {
         return Some(0);
     }
-    let turn = robot.turn_deg.to_radians();
-    let motions = Action::ALL.map(|action| match action {
-        Action::Forward => FrameMotion { length: robot.forward, angle: 0.0 },
-        Action::TurnLeft => FrameMotion { length: 0.0, angle: turn },
-        Action::TurnRight => FrameMotion { length: 0.0, angle: -turn },
-    });
+    let actions = robot.actions();
+    let motions = actions.iter().map(|action| actions.motion(action));
+    let motions: Vec<_> = motions.map(|motion| FrameMotion { length: motion.distance, angle: motion.angle }).collect();
     let key = |pose: &Pose| {
         let place = |value: f64, origin: f64| ((value - origin) / SAME_PLACE).round() as i32;
         let degrees = (pose.heading - start.heading).to_degrees().rem_euclid(360.0);
@@ -48,7 +47,7 @@ pub fn optimal_steps(arena: &Arena, robot: &Robot, task: &Task, start: Pose, mos
         let mut next = Vec::new();
         for pose in &frontier {
             let free = open.around(pose.position);
-            for motion in motions {
+            for &motion in &motions {
                 let moved = if free { unhindered(*pose, motion) } else { drive(*pose, motion, arena, robot.radius).0 };
                 if in_goal(task, moved.position) {
                     return Some(steps);

@@ -6,15 +6,12 @@ use std::sync::atomic::AtomicBool;
 
 use serde::Serialize;
 
-use super::error::RunError;
-use super::run::{RunOptions, run};
-use super::runtime::checkpoint::checkpoint_bytes;
-use super::runtime::status::Status;
+use crate::agent::{RunError, RunOptions, Status, checkpoint_bytes, run};
 use crate::log::Nowhere;
 use crate::log::{LogError, LogOptions, Rotation, RunLog};
 use crate::scenario::{Method, Mode, Scenario, WhenBehind};
-use crate::source::Simulated;
-use crate::world::{Action, World};
+use crate::world::Simulated;
+use crate::world::World;
 
 /// Frames that are made, logged and thrown away again to learn how large a frame is.
 const FRAMES: usize = 1500;
@@ -66,7 +63,7 @@ impl LogForecast {
         let mut source = Simulated::new(first.clone(), world.clone());
         let (stop, status) = (AtomicBool::new(false), Status::default());
         let options_of_run = RunOptions { flush_by_stamps: speed, ..RunOptions::new(&stop, &status) };
-        let outcome = run(&first, world, &mut source, open(options, metadata)?, options_of_run)?;
+        let outcome = run(&first, &world.plan, &mut source, open(options, metadata)?, options_of_run)?;
         let attached = match &outcome.learned {
             Some(learned) => checkpoint_bytes(learned, &first)?.len() as u64,
             None => 0,
@@ -79,7 +76,7 @@ impl LogForecast {
             (frames * outcome.support_vectors as f64 / outcome.frames as f64).min(scenario.dictionary.budget as f64);
         // What transitions are worth is not in the messages.
         let of_policies = match scenario.value.method {
-            Method::Lspi => Action::ALL.len() * scenario.tasks.len(),
+            Method::Lspi => scenario.robot.actions().len() * scenario.tasks.len(),
             Method::Local => 0,
         };
         let numbers = k * (1 + of_policies);

@@ -1,0 +1,31 @@
+//! Where a robot is on the floor.
+
+use nalgebra::{Point2, UnitComplex, Vector2};
+
+/// Position and heading on the floor.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pose {
+    /// Metres.
+    pub position: Point2<f64>,
+    /// Radians from the x-axis, counter-clockwise, in (−π, π].
+    pub heading: f64,
+}
+
+impl Pose {
+    /// A pose; the heading is brought into (−π, π].
+    pub fn new(position: Point2<f64>, heading: f64) -> Self {
+        Pose { position, heading: wrap(heading) }
+    }
+
+    /// Unit vector of the heading.
+    pub fn direction(&self) -> Vector2<f64> {
+        UnitComplex::new(self.heading) * Vector2::x()
+    }
+}
+
+/// An angle brought into (−π, π].
+pub fn wrap(angle: f64) -> f64 {
+    let turn = std::f64::consts::TAU;
+    let reduced = angle.rem_euclid(turn);
+    if reduced > std::f64::consts::PI { reduced - turn } else { reduced }
+}
