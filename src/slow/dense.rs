@@ -7,31 +7,30 @@ use super::error::SlowError;
 use super::symmetric::ascending;
 use crate::kernel::products::for_columns;
 
-/// Eigenvalues below this share of the largest one are directions without variance: rounding of the sums is about
-/// n·2⁻⁵³ of it.
-pub(super) const RANK_TOLERANCE: f64 = 1e-13;
+/// Eigenvalues below this share of the largest one have lost five digits to the rounding of the decomposition.
+const ROUNDING: f64 = 1e-11;
 
-/// Weights of the `features` largest μ, scaled to unit variance, and the number of directions with variance.
+/// Weights of the `features` largest μ, of as many as there are coordinates, scaled to unit variance; none if one of these μ
+/// is within the rounding.
 pub(super) fn slowest(
     covariance: Mat<f64>,
     r: MatRef<'_, f64>,
     features: usize,
     par: Par,
-) -> Result<(Mat<f64>, usize), SlowError> {
+) -> Result<Option<Mat<f64>>, SlowError> {
     let m = covariance.nrows();
     // Two triangular solves in the place of C; the second sees it by its rows.
     let mut whole = covariance;
     solve_lower_triangular_in_place(r, whole.as_mut(), par);
     solve_lower_triangular_in_place(r, whole.as_mut().transpose_mut(), par);
     let (mu, vectors) = ascending(whole.as_ref())?;
-    let rank = mu.iter().rev().take_while(|&&value| value > RANK_TOLERANCE * mu[m - 1]).count();
-    if features == 0 || features > rank {
-        return Err(SlowError::Features { asked: features, rank });
+    if mu[m - features] <= ROUNDING * mu[m - 1] {
+        return Ok(None);
     }
     let largest: Vec<f64> = mu.into_iter().rev().take(features).collect();
     let mut weights = vectors.subcols(m - features, features).reverse_cols().to_owned();
     to_weights(&mut weights, &largest, r, par);
-    Ok((weights, rank))
+    Ok(Some(weights))
 }
 
 /// Turn eigenvectors `u` of `M` into weights of unit variance, `w = R⁻ᵀu/√μ`.

@@ -20,7 +20,9 @@ use super::solve::{Method, SlowFeatures, SolveOptions, solve_with, sort};
 /// averaged, each lag with the same weight.
 ///
 /// **Precision.** The signal is centred before it is squared, and the outputs are made uncorrelated once more on the signal
-/// itself, so the constraints hold to about 1e-12 whatever the means and scales of the channels.
+/// itself, so the constraints hold to about 1e-12 whatever the means and scales of the channels, also where channels depend on
+/// each other. Two things can't be had: a direction with less than about 10⁻⁶ of the amplitude of all channels that it is made
+/// of counts as none, and values beyond about 10¹⁵⁰ or below 10⁻¹⁵⁰ have no squares.
 ///
 /// For signals that do not fit into memory, [`LinearStream`] keeps the sums alone.
 ///
@@ -51,7 +53,8 @@ pub struct LinearSfa {
     pub mean: Vec<f64>,
     /// Slowness Δ of each output on the training frames, ascending, `k`.
     pub slowness: Vec<f64>,
-    /// Channels that say nothing new: `d` minus the number of independent directions with variance.
+    /// Channels that say nothing new: `d` minus the number of independent directions with variance, whatever λ and the number
+    /// of features.
     pub rank_deficit: usize,
 }
 
@@ -158,7 +161,13 @@ pub(super) fn centre(x: MatRef<'_, f64>) -> Result<(Vec<f64>, Mat<f64>), SlowErr
     let centred = Mat::from_fn(x.nrows(), x.ncols(), |i, t| x[(i, t)] - mean[i]);
     let squares = (0..x.ncols()).flat_map(|t| (0..x.nrows()).map(move |i| (i, t)));
     let total: f64 = squares.map(|(i, t)| centred[(i, t)] * centred[(i, t)]).sum();
-    if total.is_finite() { Ok((mean, centred)) } else { Err(SlowError::NotFinite("the squares of the signal are")) }
+    if total.is_finite() {
+        return Ok((mean, centred));
+    }
+    let reach = |i: usize| centred.row(i).iter().fold(0.0, |most: f64, value| most.max(value.abs()));
+    let largest = (0..x.nrows()).max_by(|&a, &b| reach(a).total_cmp(&reach(b))).unwrap_or(0);
+    let place = format!("channel {largest}, which reaches {:e} from its mean", reach(largest));
+    Err(SlowError::NotFinite("the squares of the signal are").at(place))
 }
 
 /// The differences over one lag: the lag, its pairs `(later frame, link)`, and the sum of their weights.

@@ -5,13 +5,13 @@
 
 use faer::linalg::matmul::matmul;
 use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
-use faer::{Accum, Mat, MatRef, Par, Scale};
+use faer::{Accum, ColRef, Mat, MatRef, Par, Scale};
 
 use super::dense;
 use super::error::SlowError;
 use super::lanczos::{self, Found};
 use super::moments::Moments;
-use super::reveal::{no_variance, revealed};
+use super::reveal::{Directions, all_vary, are_resolved, no_variance};
 use super::symmetric::{cholesky, is_finite, times};
 
 /// The `k` slowest features of `m` Newton coordinates: `φ(x) = Wᵀ(v(x) − v̄)`.
@@ -30,8 +30,8 @@ pub struct SlowFeatures {
 }
 
 impl SlowFeatures {
-    /// Coordinates that say nothing new: `m` minus the number of independent directions with variance. A solver that looks
-    /// for some of the features only does not know it.
+    /// Coordinates that say nothing new: `m` minus the number of independent directions with variance, whatever λ and the
+    /// number of features. A solver that looks for some of the features only does not know it.
     pub fn rank_deficit(&self) -> Option<usize> {
         match self.solver {
             Solver::Dense { rank_deficit } => Some(rank_deficit),
@@ -68,7 +68,7 @@ pub enum Method {
     /// Block Lanczos iteration for the features that are asked for, with time of the order of m³/3 and then m² a feature.
     ///
     /// Where it cannot do it, [`Method::Dense`] does: with more features than about an eighth of the coordinates or fewer than 576 coordinates, with λ = 0,
-    /// with features within the rounding of the moments, or without convergence.
+    /// with features within the rounding of the moments, as where coordinates depend on each other, or without convergence.
     Lanczos {
         /// Largest relative residual `‖Mu − μu‖/μ`, in (0, 1). It bounds the relative error of every eigenvalue μ. The error
         /// usually is of the order of the residual's square, while that of the features is of the order of
@@ -116,8 +116,8 @@ const EQUAL_SLOWNESS: f64 = 1e-3;
 /// - **Regular** (λ > 0, `Ḋ + λI` well conditioned): with `RRᵀ = Ḋ + λI` the slowest features are the largest eigenvalues μ
 ///   of `M = R⁻¹CR⁻ᵀ`: `w = R⁻ᵀu/√μ`. The few largest are found by
 ///   block Lanczos iteration, all of them by a dense decomposition ([`Method`]).
-/// - **Rank-revealing** (λ = 0, or no usable factor): redundant coordinates have directions with neither
-///   variance nor derivative. They are found in `B = C + sḊ` and dropped, and their number is reported. The thesis's
+/// - **Rank-revealing** (λ = 0, no usable factor, or directions without variance among what is found): redundant coordinates
+///   have directions with neither variance nor derivative. In `M` they are rounding divided by λ. They are found in `B = C + sḊ` and dropped, and their number is reported. The thesis's
 ///   listing removes the *zero eigenvalues of the covariance* instead; with any threshold above zero that also loses a truly
 ///   slow direction of little variance, the very thing that is looked for. In `B`, scaled to a unit diagonal, such a
 ///   direction stays.
@@ -127,7 +127,11 @@ const EQUAL_SLOWNESS: f64 = 1e-3;
 ///
 /// Moments hold squares, so what has less than about 10⁻⁶ of the others' amplitude is lost in their rounding, and the
 /// constraints hold to about 2⁻⁵³ times the ratio of the variances. [`LinearSfa`](super::LinearSfa) has the signal itself at
-/// hand and makes them good to full precision.
+/// hand and makes them good to full precision. A direction counts as one with variance only where this is more than rounding
+/// can have made of nothing, so more features than there are such directions are refused, whatever λ.
+///
+/// Where coordinates depend on each other, many weights say the same. They are those of smallest norm, unless their outputs
+/// would be small differences of large coordinates: then those that lose the least to rounding.
 ///
 /// `previous` is an earlier solution over the first coordinates (they do not change when a dictionary grows): signs are
 /// chosen to agree with it, and equally slow features are rotated towards it, so that features do not jump.
@@ -235,14 +239,14 @@ pub fn solve_with(
     let (mut weights, solver) = forms.slowest(features, lambda, options.method)?;
 
     let mut driven = forms.rate_times(weights.as_ref());
-    let mut slowness = column_products(weights.as_ref(), driven.as_ref());
+    let mut slowness = slownesses(weights.as_ref(), driven.as_ref());
     sort(&mut slowness, [&mut weights, &mut driven]);
     if let Some(previous) = previous {
         let mut old = previous.weights.clone();
         old.resize_with(moments.size(), previous.weights.ncols().min(features), |_, _| 0.0);
         let target = forms.covariance_times(old.as_ref());
         align([&mut weights, &mut driven], &slowness, target.as_ref());
-        slowness = column_products(weights.as_ref(), driven.as_ref());
+        slowness = slownesses(weights.as_ref(), driven.as_ref());
         sort(&mut slowness, [&mut weights, &mut driven]);
     }
     Ok(SlowFeatures { weights, mean: forms.mean, slowness, lambda, solver })
@@ -252,7 +256,7 @@ pub fn solve_with(
 ///
 /// - By Lanczos iteration with a basis of at most `l` vectors: `8 (m² + m(l + 2k + 8b) + 5l²)`. That is one matrix, and a basis of
 ///   `4k` vectors at most; `b` is 32, or 64 for 256 and more features.
-/// - Dense: `8 · 6m²`. With λ = 0, or no usable factor, `8 · 13m²`.
+/// - Dense: `8 · 6m²`. With λ = 0, no usable factor, or dependent coordinates, `8 · 13m²`.
 ///
 /// What the iteration cannot find is looked for in the dense way ([`Method::Lanczos`]), with more memory.
 pub fn solve_bytes(m: usize, k: usize, method: Method) -> u64 {
@@ -302,30 +306,44 @@ impl<'a> Forms<'a> {
 
     /// Weights of the slowest features, in any order, and how they were found.
     fn slowest(&self, features: usize, lambda: f64, method: Method) -> Result<(Mat<f64>, Solver), SlowError> {
-        let m = self.moments.size();
-        let Some(r) = self.usable_factor(lambda) else {
-            let (covariance, rate) = (self.moments.covariance(), self.moments.rate());
-            let (weights, rank) = revealed(&covariance, &rate, self.moments, features, lambda)?;
-            return Ok((weights, Solver::Dense { rank_deficit: m - rank }));
-        };
-        if let Some(tolerance) = method.tolerance(m, features) {
-            // M = R⁻¹CR⁻ᵀ.
-            // Blocks are stored by rows: products of few columns with large matrices are a quarter to a third faster so.
-            let operator = |x: Mat<f64>| {
-                let mut rows = x.transpose().to_owned();
-                solve_upper_triangular_in_place(r.transpose(), rows.as_mut().transpose_mut(), self.par);
-                let mut rows = self.covariance_times(rows.transpose()).transpose().to_owned();
-                solve_lower_triangular_in_place(r.as_ref(), rows.as_mut().transpose_mut(), self.par);
-                rows.transpose().to_owned()
-            };
-            if let Some(found) = lanczos::largest(&operator, m, features, tolerance, self.par)? {
-                let Found { values, mut vectors, applied, residual } = found;
-                dense::to_weights(&mut vectors, &values, r.as_ref(), self.par);
+        let (m, moments) = (self.moments.size(), self.moments);
+        let r = self.usable_factor(lambda);
+        if let (Some(r), Some(tolerance)) = (&r, method.tolerance(m, features))
+            && let Some(Found { values, mut vectors, applied, residual }) = self.iterate(r, features, tolerance)?
+        {
+            dense::to_weights(&mut vectors, &values, r.as_ref(), self.par);
+            if are_resolved(vectors.as_ref(), moments) {
                 return Ok((vectors, Solver::Lanczos { applied, residual }));
             }
         }
-        let (weights, rank) = dense::slowest(self.moments.covariance(), r.as_ref(), features, self.par)?;
-        Ok((weights, Solver::Dense { rank_deficit: m - rank }))
+        // All directions, where it is not plain that there are as many as coordinates.
+        let directions = if r.is_some() && all_vary(moments, self.par) { None } else { Some(Directions::of(moments)?) };
+        let rank = directions.as_ref().map_or(m, Directions::rank);
+        if features == 0 || features > rank {
+            return Err(SlowError::Features { asked: features, rank });
+        }
+        let solver = Solver::Dense { rank_deficit: m - rank };
+        if let Some(r) = r
+            && let Some(weights) = dense::slowest(moments.covariance(), r.as_ref(), features, self.par)?
+            && (directions.is_none() || are_resolved(weights.as_ref(), moments))
+        {
+            return Ok((weights, solver));
+        }
+        let directions = directions.map_or_else(|| Directions::of(moments), Ok)?;
+        Ok((directions.slowest(moments, features, lambda)?, solver))
+    }
+
+    /// The largest eigenvalues of `M = R⁻¹CR⁻ᵀ`.
+    fn iterate(&self, r: &Mat<f64>, features: usize, tolerance: f64) -> Result<Option<Found>, SlowError> {
+        // Blocks are stored by rows: products of few columns with large matrices are a quarter to a third faster so.
+        let operator = |x: Mat<f64>| {
+            let mut rows = x.transpose().to_owned();
+            solve_upper_triangular_in_place(r.transpose(), rows.as_mut().transpose_mut(), self.par);
+            let mut rows = self.covariance_times(rows.transpose()).transpose().to_owned();
+            solve_lower_triangular_in_place(r.as_ref(), rows.as_mut().transpose_mut(), self.par);
+            rows.transpose().to_owned()
+        };
+        lanczos::largest(&operator, self.moments.size(), features, tolerance, self.par)
     }
 
     /// The Cholesky factor `R` of `Ḋ + λI`, unless λ = 0 or its pivots are within the rounding of the sums. Only its lower
@@ -344,9 +362,11 @@ impl<'a> Forms<'a> {
     }
 }
 
-/// Scalar products of the columns of two matrices with each other.
-fn column_products(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Vec<f64> {
-    a.col_iter().zip(b.col_iter()).map(|(a, b)| a.iter().zip(b.iter()).map(|(a, b)| a * b).sum()).collect()
+/// Slownesses `wᵀḊw` from `W` and `ḊW`. What does not move is 0 up to rounding: never less.
+fn slownesses(weights: MatRef<'_, f64>, driven: MatRef<'_, f64>) -> Vec<f64> {
+    let product = |(w, d): (ColRef<'_, f64>, ColRef<'_, f64>)| w.iter().zip(d.iter()).map(|(w, d)| w * d).sum::<f64>();
+    let not_below_zero = |slowness: f64| if slowness < 0.0 { 0.0 } else { slowness };
+    weights.col_iter().zip(driven.col_iter()).map(product).map(not_below_zero).collect()
 }
 
 /// λ moves single features out of the order of their own Δ: put columns in ascending order of slowness.

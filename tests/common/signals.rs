@@ -26,6 +26,12 @@ pub fn random_path(d: usize, n: usize, seed: u64) -> Mat<f64> {
     path
 }
 
+/// A random rotation: the factor Q of a matrix of uniform numbers.
+pub fn rotation(d: usize, seed: u64) -> Mat<f64> {
+    let mut rng = generator(seed);
+    Mat::from_fn(d, d, |_, _| rng.random_range(-1.0..1.0)).qr().compute_Q()
+}
+
 pub fn parameters(sigma: f64, nu: f64, budget: usize) -> Parameters {
     Parameters { kernel: Kernel::gaussian(sigma).unwrap(), nu, budget, when_full: WhenFull::Stop, par: Par::Seq }
 }

@@ -13,6 +13,7 @@ mod region;
 mod regression;
 mod selection;
 mod slow;
+mod slow_dependent;
 mod slow_expanded;
 mod slow_hierarchy;
 mod slow_input;

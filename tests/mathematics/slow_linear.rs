@@ -1,6 +1,6 @@
 //! Linear SFA against known answers: redundant and weak channels, lags, uneven sampling, streams.
 
-use crate::common::{generator, random_path, relative_difference};
+use crate::common::{generator, random_path, relative_difference, rotation};
 use adagio::slow::{LinearSfa, LinearStream, Link, Moments, SlowError, solve};
 use faer::{Mat, MatRef, Par};
 use proptest::prelude::*;
@@ -41,12 +41,6 @@ fn correlation(a: impl Iterator<Item = f64>, b: impl Iterator<Item = f64>) -> f6
         bb += (y - mb).powi(2);
     }
     ab / (aa * bb).sqrt()
-}
-
-/// A random rotation: the factor Q of a matrix of uniform numbers.
-fn rotation(d: usize, seed: u64) -> Mat<f64> {
-    let mut rng = generator(seed);
-    Mat::from_fn(d, d, |_, _| rng.random_range(-1.0..1.0)).qr().compute_Q()
 }
 
 /// Mixed sines of many speeds: d independent channels with distinct slowness.

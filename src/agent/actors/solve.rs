@@ -120,3 +120,52 @@ impl Persist for Solve {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dictionary::{Ald, Parameters, WhenFull};
+    use crate::kernel::Kernel;
+    use crate::random::stream;
+    use crate::scenario::Scenario;
+    use crate::slow::{Link, SlowStream, StreamOptions};
+    use rand::RngExt;
+
+    /// What is made of a run that sees the given views, one a frame, with the settings of the lab.
+    fn solved(views: &[usize], seed: u64) -> (Result<SlowModel<f32>, String>, Mat<f32>) {
+        let text = include_str!("../../scenarios/lab.toml");
+        let scenario = Scenario::parse(text, std::path::Path::new("lab.toml"), &[]).unwrap();
+        let mut pixels = stream(seed, "views");
+        let pictures = Mat::from_fn(30, 100, |_, _| pixels.random_range(0.0..1.0f32));
+        let x = Mat::from_fn(30, views.len(), |i, t| pictures[(i, views[t])]);
+        let kernel = Kernel::gaussian(2.0).unwrap();
+        let parameters = Parameters { kernel, nu: 1e-3, budget: 300, when_full: WhenFull::Stop, par: Par::Seq };
+        let mut frames = SlowStream::new(Ald::<f32>::new(parameters).unwrap(), StreamOptions::default()).unwrap();
+        frames.push(x.as_ref(), &Link::regular(views.len(), 0.1).unwrap()).unwrap();
+        let moments = frames.settled_moments().unwrap().clone();
+        let sums = Some((frames.dictionary().clone(), moments));
+        let request = SolveRequest { asked_at: 0, stamp_ns: 0, frames: 0, sums, window: Vec::new(), goals: Vec::new() };
+        (Solve::new(&scenario.slow, Par::Seq).step(request).model, x)
+    }
+
+    /// `n` views differ in `n − 1` directions from their mean, while the dictionary has `n` support vectors: a short run, a
+    /// camera that is stuck, a lamp that flickers in a dark room.
+    #[test]
+    fn a_model_has_as_many_features_as_there_are_directions() {
+        for seed in 0..20 {
+            for (different, frames) in [(2, 2), (2, 300), (3, 200), (7, 90), (20, 21), (50, 50), (50, 500)] {
+                let views: Vec<usize> = (0..frames).map(|t| t % different).collect();
+                let (model, x) = solved(&views, seed);
+                let model = model.unwrap();
+                assert_eq!(model.slowness.len(), different - 1, "{different} views, {frames} frames, seed {seed}");
+                assert!(model.slowness.iter().all(|slowness| (0.0..1e6).contains(slowness)));
+                let phi = model.apply(x.as_ref(), Par::Seq).unwrap();
+                let products = &phi * phi.transpose() * faer::Scale(1.0 / frames as f64);
+                let error = (products - Mat::<f64>::identity(different, different)).norm_max();
+                assert!(error < 1e-4, "{different} views, {frames} frames, seed {seed}: off by {error}");
+            }
+            let (model, _) = solved(&[5; 100], seed);
+            assert!(model.unwrap_err().contains("span 0 directions"), "a camera that is frozen");
+        }
+    }
+}
