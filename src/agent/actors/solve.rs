@@ -133,7 +133,7 @@ mod tests {
 
     /// What is made of a run that sees the given views, one a frame, with the settings of the lab.
     fn solved(views: &[usize], seed: u64) -> (Result<SlowModel<f32>, String>, Mat<f32>) {
-        let text = include_str!("../../scenarios/lab.toml");
+        let text = include_str!("../../../scenarios/lab.toml");
         let scenario = Scenario::parse(text, std::path::Path::new("lab.toml"), &[]).unwrap();
         let mut pixels = stream(seed, "views");
         let pictures = Mat::from_fn(30, 100, |_, _| pixels.random_range(0.0..1.0f32));
