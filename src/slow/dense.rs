@@ -7,8 +7,8 @@ use super::error::SlowError;
 use super::symmetric::ascending;
 use crate::kernel::products::for_columns;
 
-/// Eigenvalues below this share of the largest one have lost five digits to the rounding of the decomposition.
-const ROUNDING: f64 = 1e-11;
+/// Eigenvalues below this share of the largest one have lost nine digits to the rounding of the decomposition.
+const ROUNDING: f64 = 1e-9;
 
 /// Weights of the `features` largest μ, of as many as there are coordinates, scaled to unit variance; none if one of these μ
 /// is within the rounding.

@@ -48,6 +48,10 @@ const MOST_ROUNDING_OF_ALL: f64 = 1e-3;
 /// The most that it may be for weights of smallest norm: beyond it, outputs of large channels that cancel lose digits.
 const MOST_ROUNDING_OF_SMALLEST: f64 = 1e-7;
 
+/// How far covariances of outputs may be off for weights of smallest norm: beyond it, directions that were dropped are not
+/// known well enough in coordinates of very different scales to be subtracted.
+const MOST_OFF: f64 = 1e-3;
+
 /// What rounding of the moments may make of the variance `wᵀCw` of each output, `Σ q²w²` times the rounding of a sum.
 fn rounding(weights: MatRef<'_, f64>, mean_squares: &[f64]) -> Vec<f64> {
     let squares = |column: ColRef<'_, f64>| -> f64 {
@@ -149,15 +153,21 @@ impl Directions {
             let inside = regularised(&(&back * &basis), &c, self.s * lambda, features)?;
             basis * inside
         };
-        let mut chosen = back * &slowest;
-        if !rounding(chosen.as_ref(), &self.squares).iter().all(|share| *share <= MOST_ROUNDING_OF_SMALLEST) {
-            chosen = &self.p * slowest;
+        let with_covariances = |chosen: Mat<f64>| {
+            let mut weights = Mat::zeros(moments.size(), features);
+            for (row, &i) in self.alive.iter().enumerate() {
+                weights.row_mut(i).copy_from(chosen.row(row));
+            }
+            let covariances = weights.transpose() * (&covariance * &weights);
+            (weights, covariances)
+        };
+        let chosen = back * &slowest;
+        let lost = rounding(chosen.as_ref(), &self.squares);
+        let (mut weights, mut covariances) = with_covariances(chosen);
+        let off = (&covariances - Mat::<f64>::identity(features, features)).norm_max();
+        if !(off <= MOST_OFF && lost.iter().all(|share| *share <= MOST_ROUNDING_OF_SMALLEST)) {
+            (weights, covariances) = with_covariances(&self.p * slowest);
         }
-        let mut weights = Mat::zeros(moments.size(), features);
-        for (row, &i) in self.alive.iter().enumerate() {
-            weights.row_mut(i).copy_from(chosen.row(row));
-        }
-        let covariances = weights.transpose() * (covariance * &weights);
         let mut weights = decorrelated(weights, covariances.as_ref())?;
         if lambda == 0.0 {
             let slow = weights.transpose() * (rate * &weights);

@@ -60,7 +60,7 @@ fn assert_rank(x: MatRef<'_, f64>, rank: usize, lambda: f64, tolerances: [f64; 2
             (&batch.weights, &batch.slowness, tolerances[1]),
         ] {
             let error = constraint_error(weights.as_ref(), x);
-            prop_assert!(error < tolerance, "{} features, lambda {}: off by {}", k, lambda, error);
+            prop_assert!(error < tolerance, "{k} features, lambda {lambda}: off by {error}, more than {tolerance}");
             prop_assert!(slowness.is_sorted() && slowness.iter().all(|s| (0.0..10.0).contains(s)), "{:?}", slowness);
         }
     }

@@ -375,6 +375,17 @@ fn parts_that_do_not_fit_are_refused_with_their_sizes() {
 }
 
 #[test]
+fn a_channel_that_is_too_large_is_named() {
+    let x = random_path(3, 40, 3);
+    let huge = Mat::from_fn(3, 40, |i, t| [1.0, 1e200, 1e190][i] * x[(i, t)]);
+    let refused = LinearSfa::fit(huge.as_ref(), &Link::regular(40, 1.0).unwrap(), 1, 0.0).unwrap_err().to_string();
+    assert!(
+        refused.starts_with("channel 1, which reaches ") && refused.contains("e199 from its mean: the squares"),
+        "{refused}"
+    );
+}
+
+#[test]
 fn a_refused_block_does_not_spoil_a_stream() {
     let x = random_path(2, 40, 3);
     let links = Link::regular(40, 1.0).unwrap();
