@@ -69,7 +69,7 @@ impl Robot {
         let scenario = simulation::scenario("lab.toml", &[]);
         let world = World::new(&scenario).expect("a scenario without image files");
         Robot {
-            images: simulation::poses(&scenario).iter().map(|pose| world.looks.camera(0).render(pose)).collect(),
+            images: simulation::poses(&scenario).iter().map(|pose| world.appearance.camera(0).render(pose)).collect(),
             vision: scenario.vision.clone(),
             learned: match size.n {
                 None => operations::learned(&frames(D, size.m), size.m, size.k.unwrap_or(K)),

@@ -119,6 +119,6 @@ impl Lab {
     }
 
     fn render<'a>(&self, poses: &mut impl Iterator<Item = &'a Pose>, image: &mut Image) {
-        self.world.looks.camera(0).render_into(poses.next().expect("a pose"), image);
+        self.world.appearance.camera(0).render_into(poses.next().expect("a pose"), image);
     }
 }

@@ -37,7 +37,7 @@
 //! | [`agent`] | the actors and their queues |
 //! | [`log`] | messages, CDR, writer, reader |
 //! | [`gpu`] | a graphics processor, where there is one |
-//! | [`parts`] | objects put away and made again, bit for bit |
+//! | [`snapshot`] | objects saved and restored, bit for bit |
 //! | [`replay`] | a recorded run once more; two runs side by side |
 //! | [`export`] | a recorded run as arrays for Python |
 //! | [`evaluate`] | trials, convergence quality, pose decoding |
@@ -121,8 +121,6 @@ pub mod kernel;
 pub mod live;
 #[cfg(feature = "agent")]
 pub mod log;
-#[cfg(feature = "snapshot")]
-pub mod parts;
 #[cfg(feature = "agent")]
 pub mod policy;
 pub mod random;
@@ -136,6 +134,8 @@ pub mod robot;
 #[cfg(feature = "agent")]
 pub mod scenario;
 pub mod slow;
+#[cfg(feature = "snapshot")]
+pub mod snapshot;
 #[cfg(feature = "report")]
 pub mod soak;
 #[cfg(feature = "agent")]

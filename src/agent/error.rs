@@ -5,8 +5,8 @@ use thiserror::Error;
 use super::runtime::checkpoint::CheckpointError;
 use crate::kernel::KernelError;
 use crate::log::LogError;
-use crate::parts::PartsError;
 use crate::slow::SlowError;
+use crate::snapshot::SnapshotError;
 
 /// Why a run ended early.
 #[derive(Debug, Error)]
@@ -22,7 +22,7 @@ pub enum RunError {
     Checkpoint(#[from] CheckpointError),
     /// The state that the run was to go on from cannot be used.
     #[error("the state of the run cannot be used: {0}")]
-    State(#[from] PartsError),
+    State(#[from] SnapshotError),
     /// A thread could not be started.
     #[error("cannot start a thread: {0}")]
     Thread(std::io::Error),

@@ -1,7 +1,7 @@
 //! Promise: in whatever order the actors get to do things, nothing is lost, nothing is done twice, and nobody waits for ever.
 //!
-//! Each order is given by a seed. `ADAGIO_SCHEDULE=17 cargo test --release --lib schedules` repeats one;
-//! `ADAGIO_SCHEDULES=10000` tries more than the ordinary run of the tests.
+//! Each order is given by a seed. `ADAGIO_INTERLEAVING=17 cargo test --release --lib interleavings` repeats one;
+//! `ADAGIO_INTERLEAVINGS=10000` tries more than the ordinary run of the tests.
 
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -12,10 +12,10 @@ use std::time::Duration;
 
 use rand::RngExt;
 
-use super::run::run_in_turns;
-use super::runtime::interleaving::Turns;
-use super::runtime::marker::Keep;
-use super::{Course, Outcome, RunOptions, Status};
+use super::run::run_interleaved;
+use super::runtime::interleaving::Interleaving;
+use super::runtime::marker::SnapshotSettings;
+use super::{Outcome, RecordedEvents, RunOptions, Status};
 use crate::log::messages::{Decision, FrameTaken, ModelRequest, ModelUpdate};
 use crate::log::run::{Nowhere, Repeating};
 use crate::log::{Expected, LogOptions, LogReader, Record, Rotation, RunLog, Storage, topics};
@@ -27,7 +27,7 @@ use crate::world::Simulated;
 use crate::world::World;
 
 /// Orders that are tried, of all kinds together.
-const SCHEDULES: u64 = 2_000;
+const INTERLEAVINGS: u64 = 2_000;
 
 /// Actions of a run, of five frames each.
 const ACTIONS: usize = 10;
@@ -48,7 +48,7 @@ fn scenario(sets: &[&str]) -> Arc<Scenario> {
         "agent.resolve_frames=12",
         "agent.latency_frames=11",
         "policy.explore_actions=2",
-        "policy.explore_leg=2",
+        "policy.explore_length=2",
         "log.compression=none",
     ];
     let sets: Vec<String> = own.iter().chain(sets).map(|&set| set.to_owned()).collect();
@@ -130,20 +130,20 @@ impl Source for Counting<'_> {
         more
     }
 
-    fn persist(&mut self, parts: &mut crate::parts::Parts) -> Result<(), crate::parts::PartsError> {
+    fn persist(&mut self, parts: &mut crate::snapshot::Snapshot) -> Result<(), crate::snapshot::SnapshotError> {
         self.robot.persist(parts)
     }
 }
 
-/// One run, by threads or in turns.
+/// One run, by threads or in interleaving.
 struct Run<'a> {
     scenario: &'a Arc<Scenario>,
     world: &'a Arc<World>,
-    turns: Option<Arc<Turns>>,
+    interleaving: Option<Arc<Interleaving>>,
     /// Set like Ctrl-C once the robot has given this many frames.
     stop_at: Option<u64>,
-    keep: Option<Keep>,
-    recording: Option<&'a Course>,
+    keep: Option<SnapshotSettings>,
+    recording: Option<&'a RecordedEvents>,
 }
 
 impl Run<'_> {
@@ -153,8 +153,9 @@ impl Run<'_> {
         let robot = Simulated::new(self.scenario.clone(), self.world.clone());
         let mut source = Counting { robot, given: &given, stop_at: self.stop_at, stop: &stop };
         let options = RunOptions { recording: self.recording, keep: self.keep, ..RunOptions::new(&stop, &status) };
-        let outcome = run_in_turns(self.scenario, &self.world.plan, &mut source, log, options, self.turns.as_ref());
-        let stuck = self.turns.and_then(|turns| turns.deadlock());
+        let outcome =
+            run_interleaved(self.scenario, &self.world.plan, &mut source, log, options, self.interleaving.as_ref());
+        let stuck = self.interleaving.and_then(|interleaving| interleaving.deadlock());
         assert_eq!(stuck, None);
         (outcome.expect("a run"), given.load(Ordering::Relaxed))
     }
@@ -205,18 +206,18 @@ fn said(log: &Memory) -> Said {
     all
 }
 
-/// Try all seeds of a share of [`SCHEDULES`]: of every `of` seeds the one that is number `kind`. Says which one failed.
+/// Try all seeds of a share of [`INTERLEAVINGS`]: of every `of` seeds the one that is number `kind`. Says which one failed.
 fn try_all(kind: u64, of: u64, attempt: impl Fn(u64)) {
     let number = |name: &str| std::env::var(name).ok().map(|text| text.parse::<u64>().expect("a number"));
-    if let Some(seed) = number("ADAGIO_SCHEDULE") {
+    if let Some(seed) = number("ADAGIO_INTERLEAVING") {
         if seed % of == kind {
             attempt(seed);
         }
         return;
     }
-    for seed in (kind..number("ADAGIO_SCHEDULES").unwrap_or(SCHEDULES)).step_by(of as usize) {
+    for seed in (kind..number("ADAGIO_INTERLEAVINGS").unwrap_or(INTERLEAVINGS)).step_by(of as usize) {
         if std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| attempt(seed))).is_err() {
-            panic!("this order fails: ADAGIO_SCHEDULE={seed} cargo test --release --lib schedules");
+            panic!("this order fails: ADAGIO_INTERLEAVING={seed} cargo test --release --lib interleavings");
         }
     }
 }
@@ -231,18 +232,32 @@ fn in_lockstep_every_order_gives_the_same_messages_on_every_topic() {
     let reference = scenario(&[]);
     let world = Arc::new(World::new(&reference).unwrap());
     let log = Memory::default();
-    let run = |turns| Run { scenario: &reference, world: &world, turns, stop_at: None, keep: None, recording: None };
+    let run = |interleaving| Run {
+        scenario: &reference,
+        world: &world,
+        interleaving,
+        stop_at: None,
+        keep: None,
+        recording: None,
+    };
     let (outcome, given) = run(None).go(log_in(log.clone()));
     assert_eq!((outcome.frames, outcome.actions, given), (FRAMES, ACTIONS as u64, FRAMES));
     let (expected, digest) = (said(&log).expected, outcome.learned.expect("a model").digest());
     let folder = tempfile::tempdir().unwrap();
     try_all(0, 2, |seed| {
         let scenario = scenario(&[&queue_of(seed)]);
-        let turns = Turns::new(stream(seed, "schedule"));
-        // In some the state of the run is put away between all actions.
+        let interleaving = Interleaving::new(stream(seed, "timing"));
+        // In some the state of the run is saved between all actions.
         let path = folder.path().join(format!("{seed}"));
-        let keep = seed.is_multiple_of(50).then_some(Keep { path, every: Some(Duration::ZERO) });
-        let run = Run { scenario: &scenario, world: &world, turns: Some(turns), stop_at: None, keep, recording: None };
+        let keep = seed.is_multiple_of(50).then_some(SnapshotSettings { path, every: Some(Duration::ZERO) });
+        let run = Run {
+            scenario: &scenario,
+            world: &world,
+            interleaving: Some(interleaving),
+            stop_at: None,
+            keep,
+            recording: None,
+        };
         let (outcome, given) = run.go(log_in(Nowhere).expecting(expected.clone(), Repeating::Write));
         assert_eq!((outcome.frames, outcome.actions, given), (FRAMES, ACTIONS as u64, FRAMES));
         assert_eq!(outcome.learned.expect("a model").digest(), digest);
@@ -263,8 +278,15 @@ fn in_realtime_every_order_adds_up_and_is_repeated_from_its_log() {
         // In some the run is interrupted.
         let stop_at = (random.random_range(0..4) == 0).then(|| random.random_range(1..FRAMES));
         let log = Memory::default();
-        let turns = Turns::new(stream(seed, "schedule"));
-        let run = Run { scenario: &scenario, world: &world, turns: Some(turns), stop_at, keep: None, recording: None };
+        let interleaving = Interleaving::new(stream(seed, "timing"));
+        let run = Run {
+            scenario: &scenario,
+            world: &world,
+            interleaving: Some(interleaving),
+            stop_at,
+            keep: None,
+            recording: None,
+        };
         let (outcome, given) = run.go(log_in(log.clone()));
         let said = said(&log);
         // Frames come in order; what is missing was dropped, and the robot gave all of them.

@@ -14,7 +14,7 @@ use crate::slow::{Method, SlowStream, solve_bytes};
 /// |---|---|
 /// | stream: dictionary, moments, retained frames | `24m² + 4md + r(8m + 4d)` and what [`SlowStream::bytes`] adds |
 /// | thinning, where support vectors leave at the budget | `48m²` |
-/// | state: a copy of the stream, of the window and of models, while the state of the run is put away | that of the stream, `2Nd`, `3m(5d + 8k)` |
+/// | state: a copy of the stream, of the window and of models, while the state of the run is saved | that of the stream, `2Nd`, `3m(5d + 8k)` |
 /// | requests: copies of dictionary and moments, with the solver, in its queue, and one that is made | `3(24m² + 4md)` |
 /// | solver | [`solve_bytes`]: about `8m² + 48mk` |
 /// | models: in use, in trials, on their way (`w` of them wait for their frame) | `(6 + w) m(5d + 8k + 24·tasks)` |

@@ -30,10 +30,10 @@ pub use error::{PerceiveError, RunError};
 pub use memory::{Memory, machine_memory};
 pub use run::{Outcome, RunOptions, run};
 pub use runtime::checkpoint::{
-    CHECKPOINT_NAME, CheckpointError, KeptState, STATE_NAME, checkpoint_bytes, read_checkpoint, read_state,
+    CHECKPOINT_NAME, CheckpointError, STATE_NAME, SavedState, checkpoint_bytes, read_checkpoint, read_state,
 };
 pub use runtime::clock::Timing;
 pub use runtime::controls::{Controls, TooMany};
-pub use runtime::marker::Keep;
-pub use runtime::status::{Snapshot, Status, peak_resident_bytes, resident_bytes};
-pub use runtime::timing::Course;
+pub use runtime::marker::SnapshotSettings;
+pub use runtime::status::{Status, StatusValues, peak_resident_bytes, resident_bytes};
+pub use runtime::timing::RecordedEvents;

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use super::actors::act::{Act, ActLoop, Acting};
+use super::actors::act::{Act, ActLoop, ActState};
 use super::actors::evaluate::{self, CurvePoint};
 use super::actors::fit::{FitLoop, FitPolicies};
 use super::actors::messages::{FitRequest, Item, Percept, SolveRequest, Update};
@@ -19,20 +19,20 @@ use super::error::RunError;
 use super::runtime::checkpoint::{CHECKPOINT_NAME, checkpoint_bytes};
 use super::runtime::clock::Timing;
 use super::runtime::controls::Controls;
-use super::runtime::interleaving::Turns;
-use super::runtime::marker::{Keep, Quiet};
+use super::runtime::interleaving::Interleaving;
+use super::runtime::marker::{Quiescence, SnapshotSettings};
 use super::runtime::queue::queue;
 use super::runtime::status::Status;
-use super::runtime::threads::{Crew, parallelism};
-use super::runtime::timing::{Course, Schedule};
+use super::runtime::threads::{Threads, parallelism};
+use super::runtime::timing::{ModelTiming, RecordedEvents};
 use crate::evaluate::Evaluator;
 use crate::gpu::Choice;
 use crate::log::{RunLog, RunTotals};
-use crate::parts::Parts;
 use crate::policy::{Learned, Tally};
 use crate::random::fix_parallelism;
 use crate::robot::Action;
 use crate::scenario::{Plan, Renderer, Scenario, WhenBehind};
+use crate::snapshot::Snapshot;
 use crate::source::{Frame, Source};
 
 /// What a run is given beside its scenario.
@@ -48,13 +48,13 @@ pub struct RunOptions<'a> {
     /// Trials for evaluations during the run; none without.
     pub evaluator: Option<&'a Evaluator>,
     /// What happened in a recording that is repeated.
-    pub recording: Option<&'a Course>,
+    pub recording: Option<&'a RecordedEvents>,
     /// The run ends after this many actions, if that is before the scenario's end.
     pub most_actions: Option<u64>,
-    /// Where the state of the run is put away; nowhere without.
-    pub keep: Option<Keep>,
+    /// Where the state of the run is saved; nowhere without.
+    pub keep: Option<SnapshotSettings>,
     /// The state that the run goes on from, if it does not begin.
-    pub state: Option<Parts>,
+    pub state: Option<Snapshot>,
     /// Evaluations before that state.
     pub curve: Vec<CurvePoint>,
     /// Who renders camera images, where a scenario leaves that open.
@@ -112,7 +112,7 @@ pub struct Outcome {
     /// Who computed the kernel values of the window, as far as there was a choice.
     pub kernel_values_by: Option<Choice>,
     /// Why the last state of the run could not be kept, if it could not: the run then goes on from its log.
-    pub not_kept: Option<String>,
+    pub not_saved: Option<String>,
     /// The log.
     pub log: RunTotals,
 }
@@ -131,59 +131,59 @@ pub fn run(
     log: RunLog,
     options: RunOptions<'_>,
 ) -> Result<Outcome, RunError> {
-    run_in_turns(scenario, plan, source, log, options, None)
+    run_interleaved(scenario, plan, source, log, options, None)
 }
 
-/// As [`run`]; with `turns` only one actor runs at a time, see [`Turns`].
-pub(super) fn run_in_turns(
+/// As [`run`]; with `interleaving` only one actor runs at a time, see [`Interleaving`].
+pub(super) fn run_interleaved(
     scenario: &Arc<Scenario>,
     plan: &Arc<Plan>,
     source: &mut (dyn Source + Send),
     log: RunLog,
     options: RunOptions<'_>,
-    turns: Option<&Arc<Turns>>,
+    interleaving: Option<&Arc<Interleaving>>,
 ) -> Result<Outcome, RunError> {
     fix_parallelism();
     let begin = Instant::now();
     let status = options.status;
     let (capacity, par) = (scenario.agent.queue, parallelism(&scenario.agent));
-    let (frames_out, frames_in, gauge) = queue::<Item<Frame>>("frames", capacity, turns);
+    let (frames_out, frames_in, gauge) = queue::<Item<Frame>>("frames", capacity, interleaving);
     status.watch(gauge);
-    let (percepts_out, percepts_in, gauge) = queue::<Percept>("percepts", capacity, turns);
+    let (percepts_out, percepts_in, gauge) = queue::<Percept>("percepts", capacity, interleaving);
     status.watch(gauge);
-    let (actions_out, actions_in, gauge) = queue::<Item<Action>>("actions", 1, turns);
+    let (actions_out, actions_in, gauge) = queue::<Item<Action>>("actions", 1, interleaving);
     status.watch(gauge);
     // Requests carry whole matrices: two of them at a time are enough.
-    let (solve_out, solve_in, gauge) = queue::<Item<SolveRequest>>("solve", 1, turns);
+    let (solve_out, solve_in, gauge) = queue::<Item<SolveRequest>>("solve", 1, interleaving);
     status.watch(gauge);
-    let (fit_out, fit_in, gauge) = queue::<Item<FitRequest>>("fit", 1, turns);
+    let (fit_out, fit_in, gauge) = queue::<Item<FitRequest>>("fit", 1, interleaving);
     status.watch(gauge);
-    let (updates_out, updates_in, gauge) = queue::<Update>("updates", capacity, turns);
+    let (updates_out, updates_in, gauge) = queue::<Update>("updates", capacity, interleaving);
     status.watch(gauge);
-    let (models_out, models_in, gauge) = queue::<(Arc<Learned>, u64)>("evaluate", 2, turns);
+    let (models_out, models_in, gauge) = queue::<(Arc<Learned>, u64)>("evaluate", 2, interleaving);
     status.watch(gauge);
-    let (save_out, save_in, gauge) = queue::<Item<Infallible>>("save", 1, turns);
+    let (save_out, save_in, gauge) = queue::<Item<Infallible>>("save", 1, interleaving);
     status.watch(gauge);
-    let (writes_out, writes_in, gauge) = queue("log", 8 * capacity, turns);
+    let (writes_out, writes_in, gauge) = queue("log", 8 * capacity, interleaving);
     status.watch(gauge);
     let recorder = Recorder::new(writes_out, scenario.clone());
-    let schedule = Arc::new(Schedule::new(&scenario.agent, options.recording));
+    let timing = Arc::new(ModelTiming::new(&scenario.agent, options.recording));
     let flush = Duration::from_secs_f64(scenario.log.flush_seconds);
     let failed: Mutex<Option<RunError>> = Mutex::new(None);
     let rendered_by = || options.rendered_by.and_then(|of| of());
-    let (ended, over, quiet) = (AtomicBool::new(false), AtomicBool::new(false), Quiet::default());
+    let (ended, over, quiescence) = (AtomicBool::new(false), AtomicBool::new(false), Quiescence::default());
 
     // The actors, new or as they were.
-    let mut perceiver = Perceive::new(scenario.clone(), plan.clone(), schedule.clone());
-    let mut acting = Acting::new(Act::new(scenario));
+    let mut perceiver = Perceive::new(scenario.clone(), plan.clone(), timing.clone());
+    let mut acting = ActState::new(Act::new(scenario));
     let (mut solve, mut fit) = (Solve::new(&scenario.slow, par), FitPolicies::new(scenario.clone(), par));
     let goes_on = options.state.is_some();
-    if let Some(mut parts) = options.state {
-        parts.inner("acting", &mut acting)?;
-        parts.scope("source", |parts| source.persist(parts))?;
-        parts.inner("perceive", &mut perceiver)?;
-        parts.inner("solve", &mut solve)?;
-        parts.inner("fit", &mut fit)?;
+    if let Some(mut snapshot) = options.state {
+        snapshot.inner("acting", &mut acting)?;
+        snapshot.scope("source", |snapshot| source.persist(snapshot))?;
+        snapshot.inner("perceive", &mut perceiver)?;
+        snapshot.inner("solve", &mut solve)?;
+        snapshot.inner("fit", &mut fit)?;
     }
     let agent = &scenario.agent;
     let supply = SourceLoop {
@@ -192,54 +192,54 @@ pub(super) fn run_in_turns(
         // A recording has dropped already what it dropped.
         drop_from: (agent.when_behind == WhenBehind::Drop && options.recording.is_none()).then(|| frames_in.clone()),
         goes_on,
-        quiet: &quiet,
+        quiescence: &quiescence,
         speed: agent.speed.filter(|_| options.recording.is_none()),
         controls: options.controls,
         status,
     };
 
     let parts = std::thread::scope(|scope| -> Result<_, RunError> {
-        let crew = Crew { scope, failed: &failed, ended: &ended, turns };
+        let threads = Threads { scope, failed: &failed, ended: &ended, interleaving };
         let by_stamps = options.flush_by_stamps;
-        let log_thread = crew.start("log", move || Ok(write_log(&writes_in, log, flush, by_stamps)?))?;
+        let log_thread = threads.start("log", move || Ok(write_log(&writes_in, log, flush, by_stamps)?))?;
         // Pictures of another renderer are close to these, and not the same.
-        if turns.is_none()
+        if interleaving.is_none()
             && scenario.world.renderer == Renderer::Gpu
             && let Some(by) = rendered_by()
         {
             let level = if by.is_device() { Level::Info } else { Level::Warn };
-            let _ = recorder.diagnostic(level, status.snapshot().stamp_ns, format!("pictures are made {by}"));
+            let _ = recorder.diagnostic(level, status.now().stamp_ns, format!("images are rendered {by}"));
         }
-        crew.start("source", move || {
+        threads.start("source", move || {
             supply.run(source);
             Ok(())
         })?;
-        let (record, quiet) = (recorder.clone(), &quiet);
-        let perceiving = PerceiveLoop { percepts: percepts_out, solve: solve_out, record, status, quiet };
-        let perceive = crew.start("perceive", move || perceiving.run(perceiver, &frames_in))?;
-        let solver = crew.start("solve", move || Ok(solve.run(&solve_in, &fit_out)))?;
+        let (record, quiescence) = (recorder.clone(), &quiescence);
+        let perceiving = PerceiveLoop { percepts: percepts_out, solve: solve_out, record, status, quiescence };
+        let perceive = threads.start("perceive", move || perceiving.run(perceiver, &frames_in))?;
+        let solver = threads.start("solve", move || Ok(solve.run(&solve_in, &fit_out)))?;
         // Who computes changes no number, and a log of interleaved actors says nothing of it.
-        let (record, reports_device) = (recorder.clone(), turns.is_none());
+        let (record, reports_device) = (recorder.clone(), interleaving.is_none());
         let fitting =
             FitLoop { requests: fit_in, updates: updates_out, save: save_out, record, status, reports_device };
-        let fitter = crew.start("fit", move || Ok(fitting.run(fit)))?;
+        let fitter = threads.start("fit", move || Ok(fitting.run(fit)))?;
         let (record, keep) = (recorder.clone(), options.keep.as_ref());
-        let keeper = crew.start("save", move || save::run(&save_in, keep, scenario, &record))?;
+        let keeper = threads.start("save", move || save::run(&save_in, keep, scenario, &record))?;
         let (record, evaluator, checkpoint) = (recorder.clone(), options.evaluator, options.checkpoint);
         let curve = options.curve;
-        let evaluations = crew.start("evaluate", move || {
+        let evaluations = threads.start("evaluate", move || {
             evaluate::run(&models_in, evaluator, checkpoint, scenario, &record, status, curve)
         })?;
         let (record, stop, ended, controls) = (recorder.clone(), options.stop, &ended, options.controls);
         let most_actions = options.most_actions.unwrap_or(u64::MAX).min(scenario.actions as u64);
-        let act = crew.start("act", move || {
+        let act = threads.start("act", move || {
             let acting_loop = ActLoop {
                 scenario,
-                schedule: &schedule,
+                timing: &timing,
                 most_actions,
                 record: &record,
                 status,
-                quiet,
+                quiescence,
                 keep,
                 stop,
                 controls,
@@ -251,21 +251,21 @@ pub(super) fn run_in_turns(
             acting_loop.run(acting, actions_out)
         })?;
         let mut health = None;
-        if let Some(turns) = turns {
-            // The health of the program is told by the clock, and there is none where actors take turns.
-            turns.begin();
+        if let Some(interleaving) = interleaving {
+            // The health of the program is measured by the clock, and there is none where actors take interleaving.
+            interleaving.begin();
         } else {
             let (record, over) = (recorder.clone(), &over);
-            health = Some(crew.start("health", move || {
+            health = Some(threads.start("health", move || {
                 health::run(&record, status, rendered_by, over);
                 Ok(())
             })?);
         }
         let parts = (act.join(), perceive.join(), solver.join(), fitter.join(), evaluations.join());
-        let not_kept = keeper.join().ok().flatten().flatten();
+        let not_saved = keeper.join().ok().flatten().flatten();
         over.store(true, Ordering::Relaxed);
         let _ = health.map(|health| health.join());
-        let stamp = status.snapshot().stamp_ns;
+        let stamp = status.now().stamp_ns;
         let failure = failed.lock().unwrap_or_else(PoisonError::into_inner).take();
         match (&failure, parts.0.as_ref()) {
             (Some(error), _) => {
@@ -282,9 +282,9 @@ pub(super) fn run_in_turns(
         }
         drop(recorder);
         let log = log_thread.join();
-        Ok((parts, not_kept, log, failure))
+        Ok((parts, not_saved, log, failure))
     });
-    let ((act, perceive, solver, fitter, evaluations), not_kept, log, failure) = parts?;
+    let ((act, perceive, solver, fitter, evaluations), not_saved, log, failure) = parts?;
     if let Some(error) = failure.or_else(|| failed.lock().unwrap_or_else(PoisonError::into_inner).take()) {
         return Err(error);
     }
@@ -316,9 +316,9 @@ pub(super) fn run_in_turns(
             refit_max: refit.max_ms(),
         },
         pursuits: acted.pursuits,
-        dropped: status.snapshot().dropped,
+        dropped: status.now().dropped,
         kernel_values_by,
-        not_kept,
+        not_saved,
         log: log.ok().flatten().ok_or_else(|| lost("log"))?,
     })
 }

@@ -10,15 +10,16 @@ use std::time::Duration;
 
 use super::{Ending, print, print_json, progress, report};
 use crate::agent::{
-    self, CHECKPOINT_NAME, Controls, Course, CurvePoint, Keep, Outcome, RunOptions, STATE_NAME, Status,
+    self, CHECKPOINT_NAME, Controls, CurvePoint, Outcome, RecordedEvents, RunOptions, STATE_NAME, SnapshotSettings,
+    Status,
 };
 use crate::evaluate::{Evaluator, decode_pose};
 use crate::live::serve::{Server, Stage};
 use crate::log::{LogOptions, Rotation, RunLog};
-use crate::parts::Parts;
 pub use crate::report::gather::ROOM;
 use crate::report::{ComputedBy, Origin, Program, Report, table};
 use crate::scenario::{Compute, Scenario};
+use crate::snapshot::Snapshot;
 use crate::soak::Sampler;
 use crate::source::Source;
 use crate::world::World;
@@ -36,7 +37,7 @@ pub struct Drive<'a> {
     pub stop: &'a AtomicBool,
     pub quiet: bool,
     /// What happened in a recording that is repeated.
-    pub recording: Option<&'a Course>,
+    pub recording: Option<&'a RecordedEvents>,
     /// The run ends after this many actions.
     pub most_actions: Option<u64>,
     /// About how many actions there will be, for the progress, where only a bound of them is known.
@@ -50,10 +51,10 @@ pub struct Drive<'a> {
     /// Where a page shows it.
     pub server: Option<&'a Server>,
     pub origin: Origin,
-    /// Whether the state of the run is put away now and then, so that it can go on from there.
+    /// Whether the state of the run is saved now and then, so that it can go on from there.
     pub keep: bool,
     /// The state that it goes on from.
-    pub state: Option<Parts>,
+    pub state: Option<Snapshot>,
     /// Evaluations before that.
     pub curve: Vec<CurvePoint>,
 }
@@ -63,7 +64,7 @@ impl Drive<'_> {
     pub fn go(self, source: &mut (dyn Source + Send), log: RunLog) -> Result<Report, String> {
         let text = |error: &dyn std::fmt::Display| error.to_string();
         let (scenario, world) = (self.scenario, self.world);
-        let no_device = world.looks.prepare();
+        let no_device = world.appearance.prepare();
         if let Some(warning) = &no_device {
             eprintln!("warning: {warning}");
         }
@@ -73,8 +74,8 @@ impl Drive<'_> {
         let most = self.most_actions.unwrap_or(u64::MAX).min(scenario.actions as u64);
         let likely = self.likely_actions.unwrap_or(u64::MAX).min(most);
         let controls = Arc::new(Controls::default());
-        world.looks.prepare();
-        let rendered_by = || world.looks.rendered_by();
+        world.appearance.prepare();
+        let rendered_by = || world.appearance.rendered_by();
         let outcome = watched(self.quiet, likely, self.sampler, |status| {
             let options = RunOptions {
                 controls: self.server.map(|_| &*controls),
@@ -82,7 +83,9 @@ impl Drive<'_> {
                 evaluator: evaluator.as_ref(),
                 recording: self.recording,
                 most_actions: self.most_actions,
-                keep: self.keep.then(|| Keep { path: state.clone(), every: scenario.agent.keep_every() }),
+                keep: self
+                    .keep
+                    .then(|| SnapshotSettings { path: state.clone(), every: scenario.agent.snapshot_every() }),
                 state: self.state,
                 curve: self.curve,
                 rendered_by: Some(&rendered_by),
@@ -106,7 +109,7 @@ impl Drive<'_> {
         for failure in &outcome.log.failures {
             eprintln!("warning: {failure}");
         }
-        if let Some(reason) = &outcome.not_kept {
+        if let Some(reason) = &outcome.not_saved {
             eprintln!("warning: {reason}: the run would go on from its log alone");
         }
         if outcome.log.deleted_files > 0 {
@@ -125,7 +128,7 @@ impl Drive<'_> {
         }
         let tasks = trials.iter().flatten().map(|(result, _)| result.clone()).collect();
         let kernel_values = outcome.kernel_values_by.clone();
-        let computed_by = ComputedBy { pictures: world.looks.rendered_by(), kernel_values };
+        let computed_by = ComputedBy { pictures: world.appearance.rendered_by(), kernel_values };
         if let Some(by) = &computed_by.kernel_values {
             if let Some(failed) = &by.failed {
                 eprintln!("warning: kernel values: {failed}; the processor went on");
@@ -134,7 +137,7 @@ impl Drive<'_> {
             }
         }
         if no_device.is_none()
-            && let Some(warning) = world.looks.missing_device()
+            && let Some(warning) = world.appearance.missing_device()
         {
             eprintln!("warning: {warning}");
         }

@@ -28,7 +28,7 @@ pub fn evaluate(args: &EvaluateArgs) -> Ending {
         Ok(world) => Arc::new(world),
         Err(error) => return Ending::failed(error),
     };
-    let no_device = world.looks.prepare();
+    let no_device = world.appearance.prepare();
     if let Some(warning) = &no_device {
         eprintln!("warning: {warning}");
     }
@@ -39,11 +39,11 @@ pub fn evaluate(args: &EvaluateArgs) -> Ending {
         .inspect_err(|error| eprintln!("warning: the pose cannot be decoded: {error}"))
         .ok();
     if no_device.is_none()
-        && let Some(warning) = world.looks.missing_device()
+        && let Some(warning) = world.appearance.missing_device()
     {
         eprintln!("warning: {warning}");
     }
-    let computed_by = ComputedBy { pictures: world.looks.rendered_by(), kernel_values: None };
+    let computed_by = ComputedBy { pictures: world.appearance.rendered_by(), kernel_values: None };
     let result = Evaluation { tasks, pose_decode, computed_by };
     if args.json {
         return print_json(&result);

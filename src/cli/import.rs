@@ -75,6 +75,7 @@ pub fn import(args: &ReplayArgs, file: &Path, stop: &AtomicBool) -> Ending {
 /// has as many frames in an action as images come. `--set` has the last word in both.
 fn prepare(args: &ReplayArgs, file: &Path) -> Result<(Survey, Roles, Scenario), Ending> {
     let wanted = Scenario::load(file, &args.set).map_err(|error| Ending::Usage(error.to_string()))?;
+    wanted.notes.iter().for_each(|note| eprintln!("note: {}: {note}", file.display()));
     let refuse = |error: ImportError| match error {
         ImportError::Topic { .. } | ImportError::Rate(_) => Ending::Usage(error.to_string()),
         _ => Ending::failed(error),

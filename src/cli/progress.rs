@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use crate::agent::{Snapshot, Status};
+use crate::agent::{Status, StatusValues};
 use crate::report::Numbered;
 
 /// Time between plain lines.
@@ -26,7 +26,7 @@ pub fn show(status: &Status, actions: u64, over: &AtomicBool) {
     let mut last_line = begin;
     while !over.load(Ordering::Relaxed) {
         std::thread::sleep(LOOK_INTERVAL);
-        let now = status.snapshot();
+        let now = status.now();
         let rate = now.frames as f64 / begin.elapsed().as_secs_f64();
         if terminal {
             bar.set_position(now.actions as u64);
@@ -47,7 +47,7 @@ pub fn show(status: &Status, actions: u64, over: &AtomicBool) {
     bar.finish_and_clear();
 }
 
-fn line(now: &Snapshot, rate: f64) -> String {
+fn line(now: &StatusValues, rate: f64) -> String {
     let mut parts = vec![
         format!("{} frames ({rate:.0}/s)", Numbered(now.frames)),
         format!("{} support vectors", Numbered(now.support_vectors as u64)),

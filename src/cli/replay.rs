@@ -92,8 +92,8 @@ fn again(
             run: &run,
             stop,
             quiet: args.quiet,
-            recording: unchanged.then_some(&recording.course),
-            most_actions: Some(recording.course.decisions()),
+            recording: unchanged.then_some(&recording.events),
+            most_actions: Some(recording.events.decisions()),
             likely_actions: None,
             evaluate: !args.no_evaluate,
             report: !args.no_report,
@@ -163,10 +163,10 @@ fn compared(
     let log = log.expecting(recording.expected(), Repeating::Write);
     let mut source = Recorded::new(scenario.clone(), recording.records());
     // A recording that was not closed may end in the middle of an action, or before a decision.
-    let most_actions = recording.course.decisions() + u64::from(!recording.closed);
+    let most_actions = recording.events.decisions() + u64::from(!recording.closed);
     let outcome = watched(args.quiet, most_actions, None, |status| {
         let options = RunOptions {
-            recording: Some(&recording.course),
+            recording: Some(&recording.events),
             most_actions: Some(most_actions),
             ..RunOptions::new(stop, status)
         };

@@ -18,7 +18,7 @@ use crate::report::draw::Picture;
 use crate::report::figures::Material;
 use crate::report::foreign::{self, Foreign};
 use crate::report::gather::Gathered;
-use crate::report::survey::Survey;
+use crate::report::maps::RoomMaps;
 use crate::report::{Made, Numbered, PLOTS_NAME, REPORT_NAME, Room, make, write};
 use crate::scenario::Scenario;
 use crate::world::World;
@@ -49,7 +49,7 @@ pub fn at_end(run: &Path, known: &Known<'_>, quiet: bool) -> Result<(), String> 
     let made = known.make(&gathered, run, Vec::new(), &steps)?;
     fs::create_dir_all(run.join(PLOTS_NAME)).map_err(|e| e.to_string())?;
     let put = |path: &Path, bytes: &[u8]| {
-        // Aside, then renamed; it can be made again, so nobody waits until it is on the disk.
+        // Aside, then renamed; it can be restored, so nobody waits until it is on the disk.
         let aside = path.with_added_extension("part");
         fs::write(&aside, bytes)?;
         fs::rename(&aside, path)
@@ -87,9 +87,9 @@ impl Known<'_> {
             let goals = scenario.tasks.iter_mut().zip(&learned.goals);
             goals.for_each(|(task, goal)| task.goal = *goal);
         }
-        let survey = self.learned.as_ref().ok().filter(|_| self.simulated).map(|learned| {
+        let room_maps = self.learned.as_ref().ok().filter(|_| self.simulated).map(|learned| {
             steps.begin("report: looking around in the simulated room");
-            Survey::new(&scenario, self.world, learned)
+            RoomMaps::new(&scenario, self.world, learned)
         });
         steps.begin("report: drawing");
         let material = Material {
@@ -97,7 +97,7 @@ impl Known<'_> {
             room: Some(Room { scenario: &scenario, world: self.world }),
             simulated: self.simulated,
             learned: self.learned.clone(),
-            survey: survey.as_ref(),
+            room_maps: room_maps.as_ref(),
             trials: self.trials.as_ref().map(Vec::as_slice).map_err(Clone::clone),
             pose_decode: self.pose,
             pictures: &[],
@@ -256,7 +256,7 @@ impl Without<'_> {
             room: None,
             simulated: false,
             learned,
-            survey: None,
+            room_maps: None,
             trials: Err(self.reason.to_owned()),
             pose_decode: None,
             pictures: self.pictures,

@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 
 use super::drive::{self, Drive, log_options, metadata};
 use super::{Ending, ResumeArgs};
-use crate::agent::{KeptState, STATE_NAME, read_state};
+use crate::agent::{STATE_NAME, SavedState, read_state};
 use crate::log::run::Repeating;
 use crate::log::{Folder, RunLog, log_files};
 use crate::replay::Recording;
@@ -32,7 +32,7 @@ pub fn resume(args: &ResumeArgs, stop: &AtomicBool) -> Ending {
         Ok(scenario) => Arc::new(scenario),
         Err(error) => return Ending::Usage(error.to_string()),
     };
-    let done = recording.closed && recording.course.decisions() >= scenario.actions as u64;
+    let done = recording.closed && recording.events.decisions() >= scenario.actions as u64;
     if done && args.run.join("report.json").is_file() {
         let actions = Numbered(scenario.actions as u64);
         eprintln!("{} has done all of its {actions} actions: there is nothing to go on with", args.run.display());
@@ -116,15 +116,15 @@ fn go_on(
         keep: true,
         sampler: None,
         server: None,
-        state: kept.map(|kept| kept.parts),
+        state: kept.map(|kept| kept.snapshot),
         curve,
     };
     drive.go(&mut source, log)
 }
 
-/// The state that the run was put away with, if there is one that can be used: without it, everything is learned again from
+/// The state that the run was saved with, if there is one that can be used: without it, everything is learned again from
 /// the log.
-fn state(run: &Path, recording: &Recording, scenario: &Scenario) -> Option<KeptState> {
+fn state(run: &Path, recording: &Recording, scenario: &Scenario) -> Option<SavedState> {
     let path = run.join(STATE_NAME);
     let bytes = match std::fs::read(&path) {
         Ok(bytes) => bytes,

@@ -58,6 +58,7 @@ pub fn load(path: &Path, sets: &[String]) -> Result<Scenario, Ending> {
     let read =
         |sets: &[String]| Scenario::load(path, sets).map_err(|error: ScenarioError| Ending::Usage(error.to_string()));
     let scenario = read(sets)?;
+    scenario.notes.iter().for_each(|note| eprintln!("note: {}: {note}", path.display()));
     let machine = || agent::machine_memory().map(|bytes| bytes / 5 * 4);
     let allowed = scenario.agent.memory_gb.map(|gigabytes| (1e9 * gigabytes) as u64).or_else(machine);
     let (needed, Some(allowed)) = (Memory::of(&scenario).total(), allowed) else { return Ok(scenario) };

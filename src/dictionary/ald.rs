@@ -7,7 +7,7 @@ use super::error::{check_budget, check_nu};
 use super::{Block, Dictionary, DictionaryError, Selection, Thinning};
 use crate::kernel::{Kernel, Scalar};
 #[cfg(feature = "snapshot")]
-use crate::parts::{Parts, PartsError};
+use crate::snapshot::{Snapshot, SnapshotError};
 
 /// What an [`Ald`] does when its budget is used up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -201,9 +201,9 @@ impl<T: Scalar> Selection<T> for Ald<T> {
     }
 
     #[cfg(feature = "snapshot")]
-    fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
-        parts.inner("dictionary", &mut self.dictionary)?;
-        parts.number("nu", &mut self.nu)?;
-        parts.check("nu", check_nu(self.nu).is_ok(), "not a threshold")
+    fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
+        snapshot.inner("dictionary", &mut self.dictionary)?;
+        snapshot.number("nu", &mut self.nu)?;
+        snapshot.check("nu", check_nu(self.nu).is_ok(), "not a threshold")
     }
 }

@@ -9,7 +9,7 @@ use super::DictionaryError;
 use crate::kernel::products::{for_columns, product, solve_lower};
 use crate::kernel::{self, Kernel, KernelError, Scalar, squared_norms};
 #[cfg(feature = "snapshot")]
-use crate::parts::{Parts, PartsError, Persist};
+use crate::snapshot::{Persist, Snapshot, SnapshotError};
 
 /// What a block of observations did.
 #[derive(Debug, Clone)]
@@ -150,16 +150,16 @@ pub struct Dictionary<T: Scalar> {
 
 #[cfg(feature = "snapshot")]
 impl<T: Scalar> Persist for Dictionary<T> {
-    fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
+    fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
         let room = |_: usize, columns: usize| capacity(columns, self.expected);
-        parts.matrix("members", &mut self.members, |rows, columns| (rows, room(rows, columns)))?;
-        parts.matrix("factor", &mut self.factor, |rows, columns| (room(columns, rows), room(rows, columns)))?;
-        parts.numbers("norms", &mut self.norms)?;
-        parts.value("serials", &mut self.serials)?;
-        parts.value("accepted", &mut self.accepted)?;
+        snapshot.matrix("members", &mut self.members, |rows, columns| (rows, room(rows, columns)))?;
+        snapshot.matrix("factor", &mut self.factor, |rows, columns| (room(columns, rows), room(rows, columns)))?;
+        snapshot.numbers("norms", &mut self.norms)?;
+        snapshot.value("serials", &mut self.serials)?;
+        snapshot.value("accepted", &mut self.accepted)?;
         let m = self.norms.len();
         let sizes = [self.members.ncols(), self.factor.nrows(), self.factor.ncols(), self.serials.len()];
-        parts.check("factor", sizes == [m; 4], "the sizes do not fit each other")
+        snapshot.check("factor", sizes == [m; 4], "the sizes do not fit each other")
     }
 }
 

@@ -7,9 +7,9 @@ use rand_chacha::ChaCha8Rng;
 use super::error::check_budget;
 use super::{Block, Dictionary, DictionaryError, Selection, Thinning};
 use crate::kernel::{Kernel, Scalar};
-#[cfg(feature = "snapshot")]
-use crate::parts::{Parts, PartsError};
 use crate::random::stream;
+#[cfg(feature = "snapshot")]
+use crate::snapshot::{Snapshot, SnapshotError};
 
 /// A uniformly random sample of all observations so far: the support vectors of the Nyström method, as a stream.
 ///
@@ -110,11 +110,11 @@ impl<T: Scalar> Selection<T> for Reservoir<T> {
     }
 
     #[cfg(feature = "snapshot")]
-    fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
-        parts.inner("dictionary", &mut self.dictionary)?;
-        parts.random("random", &mut self.random)?;
-        parts.value("seen", &mut self.seen)?;
-        parts.value("places", &mut self.places)?;
-        parts.value("leaving", &mut self.leaving)
+    fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
+        snapshot.inner("dictionary", &mut self.dictionary)?;
+        snapshot.random("random", &mut self.random)?;
+        snapshot.value("seen", &mut self.seen)?;
+        snapshot.value("places", &mut self.places)?;
+        snapshot.value("leaving", &mut self.leaving)
     }
 }

@@ -8,7 +8,7 @@ use super::feature_ald::FeatureMap;
 use super::{Block, Dictionary, DictionaryError, Thinning};
 use crate::kernel::Scalar;
 #[cfg(feature = "snapshot")]
-use crate::parts::{Parts, PartsError};
+use crate::snapshot::{Snapshot, SnapshotError};
 
 /// A dictionary with a rule for what it takes, and for what leaves when the budget is exceeded.
 ///
@@ -51,14 +51,14 @@ pub trait Selection<T: Scalar>: Debug + Send {
     /// The threshold ν on the residual at this moment; `None` where there is none.
     fn nu(&self) -> Option<f64>;
 
-    /// Put away or make again what it has become, see [`Persist`](crate::parts::Persist); its parameters are those that it was
+    /// Save or restore what it has become, see [`Persist`](crate::snapshot::Persist); its parameters are those that it was
     /// made with.
     ///
     /// # Errors
-    /// A selection that cannot be put away; parts that are missing or do not fit.
+    /// A selection that cannot be saved; parts that are missing or do not fit.
     #[cfg(feature = "snapshot")]
-    fn persist(&mut self, _parts: &mut Parts) -> Result<(), PartsError> {
-        Err(PartsError::Unable("this selection of support vectors"))
+    fn persist(&mut self, _snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
+        Err(SnapshotError::Unable("this selection of support vectors"))
     }
 
     /// Take new features to judge observations by. Only [`FeatureAld`](super::FeatureAld) has a use for them.

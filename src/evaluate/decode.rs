@@ -43,7 +43,7 @@ const LAMBDAS: [f64; 7] = [1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2];
 const WIDTHS: [f64; 3] = [0.5, 1.0, 2.0];
 /// Support vectors of the kernel ridge regression at most.
 const SUPPORT_VECTORS: usize = 500;
-/// Parts into which the poses are divided to choose.
+/// Snapshot into which the poses are divided to choose.
 const FOLDS: usize = 4;
 
 /// Learn `(x, y, cos θ, sin θ)` from the features of random poses, and test on others.
@@ -63,9 +63,9 @@ pub fn decode_pose(
     let frame = learned.asked_at + 1;
     let mut numbered: Vec<(usize, Pose)> = poses.iter().copied().enumerate().collect();
     let place = |&(index, pose): &(usize, Pose)| (pose, (index * scenario.robot.frames_per_action) as u64);
-    let seen = world.looks.see_all(frame, &mut numbered, place, |&mut (index, _), image| {
+    let seen = world.appearance.see_all(frame, &mut numbered, place, |&mut (index, _), image| {
         let noise = stream(seed, &format!("evaluate: camera of pose {index}"));
-        Sensor::new(scenario, scenario.robot.frame_seconds(), noise).expose(image, world.looks.light(frame));
+        Sensor::new(scenario, scenario.robot.frame_seconds(), noise).expose(image, world.appearance.light(frame));
         observe(image, &scenario.vision, index as u64)
     });
     // Without the constant feature: regression has its own.

@@ -223,7 +223,7 @@ impl Evaluator {
     /// are as many as these span all there is.
     pub fn features(&self, learned: &Learned, most: usize) -> Mat<f64> {
         let seen = self.seen.get_or_init(|| {
-            let look = |pose: &Pose| observe(&self.world.looks.camera(0).render(pose), &self.scenario.vision, 0);
+            let look = |pose: &Pose| observe(&self.world.appearance.camera(0).render(pose), &self.scenario.vision, 0);
             self.courses.par_iter().flat_map(|course| &course.starts).map(look).collect()
         });
         let phi = learned.features(columns(seen.iter()).as_ref(), Par::Seq);
@@ -313,8 +313,8 @@ impl Evaluator {
             let actions: Vec<Action> = match frame {
                 Some(frame) => {
                     let place = |trial: &&mut Trial| (trial.robot.pose, self.later(trial));
-                    self.world.looks.see_all(frame, &mut active, place, |trial, image| {
-                        trial.sensor.expose(image, self.world.looks.light(frame));
+                    self.world.appearance.see_all(frame, &mut active, place, |trial, image| {
+                        trial.sensor.expose(image, self.world.appearance.light(frame));
                         trial.observer.observe(image, &self.scenario.vision, &mut trial.seen.pixels);
                         judge(trial, true)
                     })
@@ -426,7 +426,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn dithers_are_four_turns_to_and_fro() {
+    fn dithers_are_four_alternating_turns() {
         let [f, l, r] = Action::DRIVE;
         let set = ActionSet::differential_drive(0.3, 0.8);
         assert_eq!(dithers(&[l, r, l, r], &set), 1);

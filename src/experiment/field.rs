@@ -246,7 +246,7 @@ impl Field<'_> {
                 StreamQ::new(run.features, 3, StreamQOptions { gamma: scenario.value.gamma, ..Default::default() })?;
             let (mut image, mut observer) = (Image::default(), Observer::default());
             let mut look = |pose: &Pose| -> Vec<f64> {
-                self.lab.world.looks.camera(0).render_into(pose, &mut image);
+                self.lab.world.appearance.camera(0).render_into(pose, &mut image);
                 sensor.expose(&mut image, 1.0);
                 let mut seen = Observation { frame: 0, pixels: Vec::new() };
                 observer.observe(&image, &scenario.vision, &mut seen.pixels);

@@ -182,7 +182,7 @@ impl Lab {
             if j.is_multiple_of(PATIENCE) {
                 bench.go_on()?;
             }
-            self.world.looks.camera(0).render_into(pose, &mut image);
+            self.world.appearance.camera(0).render_into(pose, &mut image);
             if let Some(sensor) = &mut sensor {
                 sensor.expose(&mut image, 1.0);
             }

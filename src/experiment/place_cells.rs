@@ -192,7 +192,7 @@ fn views(lab: &Lab, poses: &[Pose], bench: &Bench<'_>) -> Result<Mat<f32>, Exper
         let mut wide = Observation { frame: t as u64, pixels: Vec::new() };
         for side in EYES {
             let eye = Pose::new(pose.position, pose.heading + (side * EYE_DEG).to_radians());
-            let image = lab.world.looks.camera(0).render(&eye);
+            let image = lab.world.appearance.camera(0).render(&eye);
             wide.pixels.extend(observe(&image, &lab.scenario.vision, t as u64).pixels);
         }
         seen.push(wide);

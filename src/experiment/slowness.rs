@@ -150,7 +150,7 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
             }
         }
     }
-    let shown = Shown { found };
+    let shown = Findings { found };
     Ok(Results {
         tables: vec![shown.table(), shown.claims()],
         notes: vec![
@@ -177,11 +177,11 @@ fn name(method: Method) -> String {
     }
 }
 
-struct Shown {
+struct Findings {
     found: Found,
 }
 
-impl Shown {
+impl Findings {
     fn band(&self, image: (usize, usize), method: Method, of: impl Fn(&Outcome) -> Option<f64>) -> Option<Band> {
         let outcomes = self.found.get(&(image, method))?;
         Band::of(&outcomes.iter().filter_map(of).collect::<Vec<_>>())

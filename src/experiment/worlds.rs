@@ -1,6 +1,6 @@
 //! `worlds`: the agent with its default settings in every world there is, beside what it is to be compared with.
 //!
-//! Each seed papers all walls and the floor anew, so that nothing can be tuned to a texture. All are tried from the same starts
+//! Each seed draws new textures for all walls and the floor, so that nothing can be tuned to a texture. All are tried from the same starts
 //! with the camera (policies of the true pose with that). The agent is run as `adagio run` does it, but for a camera that renders
 //! only what vision needs; the batch pipeline and the policies of the true pose learn from a random walk of as many actions;
 //! Stream-Q(λ) acts on its own values.
@@ -134,7 +134,7 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     for &place in which {
         let (name, _) = WORLDS[place];
         for seed in scope.seeds.clone() {
-            let mut sets = vec![format!("world.papers={seed}")];
+            let mut sets = vec![format!("world.texture_seed={seed}")];
             let planned = Lab::world(place, seed, &sets)?;
             let actions = planned.scenario.actions as usize / share;
             sets.push(format!("actions={actions}"));
@@ -168,7 +168,7 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
                 starts.1
             ),
             format!(
-                "Each seed has patterns of its own on walls and floor (world.papers); the camera renders what vision needs \
+                "Each seed has patterns of its own on walls and floor (world.texture_seed); the camera renders what vision needs \
                  (camera.detail). Batch pipeline and true pose learn from a random \
                  walk of as many actions as the agent drives, with the scenario's number of features; the batch pipeline has one \
                  support vector for {FRAMES_PER_VECTOR} of its frames, at most the scenario's budget. Stream-Q(λ) begins at a \

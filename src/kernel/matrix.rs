@@ -8,7 +8,7 @@ use super::error::KernelError;
 use super::function::{Form, Kernel, gaussian, laplacian, normalised_polynomial, polynomial, radial};
 use super::products::{join, near_half};
 #[cfg(feature = "snapshot")]
-use crate::parts::Element;
+use crate::snapshot::Element;
 
 /// Without snapshots nothing is asked of a number for them.
 #[cfg(not(feature = "snapshot"))]

@@ -11,7 +11,7 @@
 //! the run, through [`Controls`](crate::agent::Controls), which it looks at once per action.
 
 mod follow;
-mod look;
+mod maps;
 pub mod serve;
 
 mod tail;
@@ -20,7 +20,7 @@ pub mod terminal;
 mod view;
 
 pub use follow::{Follower, Newest, Seen};
-pub use look::{Lookout, Maps};
+pub use maps::{Lookout, Maps};
 pub use tail::Tail;
 pub use view::{
     Curve, Curves, DecisionView, DictionaryView, FeaturesView, HealthView, Phase, Picture, TaskView, View, WallView,

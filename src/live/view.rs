@@ -9,12 +9,12 @@ use nalgebra::Point2;
 use serde::{Serialize, Serializer};
 
 use super::follow::Follower;
-use super::look::{Lookout, Maps};
+use super::maps::{Lookout, Maps};
 use crate::agent::Controls;
 use crate::log::LogError;
 use crate::log::messages::Decision;
 use crate::report::draw::{data_url, png_bytes};
-use crate::report::gather::{HealthSeen, Thin};
+use crate::report::gather::{Downsample, HealthSeen};
 use crate::scenario::plan_segments;
 
 /// Points of the way that are shown: the end of it.
@@ -374,7 +374,7 @@ impl Watcher {
 
     fn walls(&self) -> Vec<WallView> {
         let (Some(scenario), Some(world)) = (self.lookout.scenario(), self.lookout.world()) else { return Vec::new() };
-        let colours = world.looks.camera(self.follower.gathered.last_frame).wall_colours();
+        let colours = world.appearance.camera(self.follower.gathered.last_frame).wall_colours();
         let walls = scenario.world.walls.iter().enumerate();
         walls
             .map(|(index, wall)| {
@@ -422,7 +422,7 @@ impl Watcher {
 }
 
 /// A series as a curve of not too many points; its last point is always one of them.
-fn curve<T>(name: &str, series: &Thin<T>, of: impl Fn(&T) -> (u64, f64)) -> Curve {
+fn curve<T>(name: &str, series: &Downsample<T>, of: impl Fn(&T) -> (u64, f64)) -> Curve {
     let points: Vec<(f64, f64)> = series.iter().map(of).map(|(frame, value)| (frame as f64, finely(value))).collect();
     let every = points.len().div_ceil(POINTS).max(1);
     let last = points.len().saturating_sub(1);

@@ -1,14 +1,14 @@
 //! How the robot behaves: exploration, pursuit of a goal, and the reflexes between policy and wheels.
 
+mod behaviour;
 mod learned;
-mod legs;
 mod metric;
 mod pixel_values;
 mod reflex;
 mod walk;
 
+pub use behaviour::{Behaviour, BehaviourSchedule, Tally};
 pub use learned::{Learned, columns};
-pub use legs::{Behaviour, Leg, Tally};
 pub use metric::points;
 pub use pixel_values::{PixelPoints, PixelValues, PolicyError};
 pub use reflex::{Recent, Reflexes};

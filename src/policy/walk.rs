@@ -8,9 +8,9 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 use super::reflex::{Recent, Reflexes};
-use crate::parts::{Parts, PartsError, Persist};
 use crate::robot::{Action, ActionSet, ActionValues};
 use crate::scenario::Scenario;
+use crate::snapshot::{Persist, Snapshot, SnapshotError};
 
 /// A random walk that does not drive into walls it can hear.
 #[derive(Debug, Clone)]
@@ -73,8 +73,8 @@ impl Walk {
 }
 
 impl Persist for Walk {
-    fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
-        parts.random("random", &mut self.rng)
+    fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
+        snapshot.random("random", &mut self.rng)
     }
 }
 

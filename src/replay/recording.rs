@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use thiserror::Error;
 
-use crate::agent::{Course, CurvePoint};
+use crate::agent::{CurvePoint, RecordedEvents};
 use crate::log::messages::{Decision, Evaluation, FrameTaken, ModelRequest, ModelUpdate};
 use crate::log::writer::METADATA_NAME;
 use crate::log::{Ending, Expected, FilesReader, LogError, Message, Record, log_files, topics};
@@ -66,13 +66,13 @@ pub struct Recording {
     /// Success and convergence quality of each task, by the epoch of the policy.
     evaluations: BTreeMap<u32, Vec<(f64, f64)>>,
     /// Requests, swaps, decisions.
-    pub course: Course,
+    pub events: RecordedEvents,
     /// The messages that a run that goes on must log again.
     expected: Expected,
     /// Messages after the last frame, which finished the run: a repetition logs them too, a run that goes on does not.
     closing: Vec<(Arc<str>, u64, Vec<u8>)>,
     /// The course without what finished the run.
-    open_course: Option<Course>,
+    open_events: Option<RecordedEvents>,
     /// Number of the first frame that is there; not 0 if the oldest files were deleted.
     pub first_frame: u64,
     /// Frames.
@@ -108,10 +108,10 @@ impl Recording {
             part: 0,
             models: BTreeMap::new(),
             evaluations: BTreeMap::new(),
-            course: Course::default(),
+            events: RecordedEvents::default(),
             expected: Expected::default(),
             closing: Vec::new(),
-            open_course: None,
+            open_events: None,
             first_frame: u64::MAX,
             frames: 0,
             closed: false,
@@ -148,8 +148,8 @@ impl Recording {
             self.part = part;
             // The run went on: what had finished the part before does not count.
             self.closing.clear();
-            if let Some(course) = self.open_course.take() {
-                self.course = course;
+            if let Some(course) = self.open_events.take() {
+                self.events = course;
             }
         }
         if self.metadata.is_empty() {
@@ -168,9 +168,9 @@ impl Recording {
         };
         let is = |name: &str| **topic == *name;
         if is(topics::END.name()) {
-            self.open_course = Some(self.course.clone());
+            self.open_events = Some(self.events.clone());
         }
-        if self.open_course.is_some() {
+        if self.open_events.is_some() {
             self.closing.push((topic.clone(), stamp_ns, data.clone()));
         } else {
             self.expected.record(topic, stamp_ns, data);
@@ -179,19 +179,19 @@ impl Recording {
             let taken: FrameTaken = decode(record)?;
             self.first_frame = self.first_frame.min(taken.frame);
             self.frames += 1;
-            self.course.seen(taken.frame);
+            self.events.seen(taken.frame);
         } else if is(topics::REQUEST.name()) {
-            self.course.asked(decode::<ModelRequest>(record)?.frame);
+            self.events.asked(decode::<ModelRequest>(record)?.frame);
         } else if is(topics::MODEL.name()) {
             let update: ModelUpdate = decode(record)?;
-            self.course.effective(update.asked_at_frame, update.effective_at_frame);
+            self.events.effective(update.asked_at_frame, update.effective_at_frame);
             self.models.insert(update.epoch, update);
         } else if is(topics::EVALUATION.name()) {
             let Evaluation { epoch, success, convergence_quality, .. } = decode(record)?;
             self.evaluations.entry(epoch).or_default().push((success, convergence_quality));
         } else if is(topics::DECISION.name()) {
             decode::<Decision>(record)?;
-            self.course.decided();
+            self.events.decided();
         }
         Ok(())
     }
@@ -215,8 +215,8 @@ impl Recording {
     }
 
     /// What a run that goes on must do again: the messages that it must log again, and its course.
-    pub fn open_end(&self) -> (Expected, Course) {
-        (self.expected.clone(), self.open_course.clone().unwrap_or_else(|| self.course.clone()))
+    pub fn open_end(&self) -> (Expected, RecordedEvents) {
+        (self.expected.clone(), self.open_events.clone().unwrap_or_else(|| self.events.clone()))
     }
 
     /// The evaluations beside the run of models that acted up to a frame.

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::draw::Picture;
-use super::gather::{Gathered, Thin};
+use super::gather::{Downsample, Gathered};
 use crate::log::messages::{self as msg, Message as _, foreign};
 use crate::log::{FilesReader, LogError, Record, cdr};
 use crate::source::imported::{compressed, pose_of, raw};
@@ -47,7 +47,7 @@ pub fn look(files: Vec<PathBuf>, gathered: &mut Gathered) -> Result<Foreign, Log
     };
     let mut found =
         Foreign { camera: most(&CAMERA), pose: POSE.iter().find_map(|kinds| most(kinds)), ..Foreign::default() };
-    let mut images: Thin<(u64, Image)> = Thin::first_of(SHOWN);
+    let mut images: Downsample<(u64, Image)> = Downsample::first_of(SHOWN);
     for record in FilesReader::new(files) {
         let (topic, schema, log_time_ns, data) = match record {
             Ok(Record::Message { topic, schema, log_time_ns, data, .. }) => (topic, schema, log_time_ns, data),

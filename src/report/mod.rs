@@ -2,7 +2,7 @@
 //!
 //! ```text
 //!  log ──one pass──▶ gather ─┐
-//!  checkpoint ─────▶ survey ─┼─▶ figures, verdict ──▶ make ──▶ report.html, report/NAME.svg, report/NAME.png
+//!  checkpoint ─────▶ room_maps ─┼─▶ figures, verdict ──▶ make ──▶ report.html, report/NAME.svg, report/NAME.png
 //!  trials ───────────────────┘    (drawn by draw)
 //! ```
 
@@ -11,8 +11,8 @@ pub mod figures;
 pub mod foreign;
 pub mod gather;
 mod make;
+pub mod maps;
 mod room;
-pub mod survey;
 mod table;
 mod verdict;
 

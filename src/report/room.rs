@@ -31,7 +31,7 @@ impl Room<'_> {
 
     /// Its walls in their colours, `width` pixels wide.
     pub fn walls(&self, width: u32) -> Vec<Mark> {
-        let colours = self.world.looks.camera(u64::MAX).wall_colours();
+        let colours = self.world.appearance.camera(u64::MAX).wall_colours();
         let pieces = |width: u32, colour: &dyn Fn(usize) -> RGBColor| -> Vec<Mark> {
             let walls = self.scenario.world.walls.iter().enumerate();
             let pieces = walls.flat_map(|(index, wall)| {

@@ -25,7 +25,7 @@ pub enum Happens {
         over: usize,
     },
     /// A wall gets another texture.
-    Paper {
+    Texture {
         /// Number of the wall, from 0.
         wall: usize,
         /// The new one.
@@ -55,7 +55,7 @@ impl std::fmt::Display for Happens {
         match self {
             Happens::Light { factor, over: 0 } => write!(f, "light × {factor}"),
             Happens::Light { factor, over } => write!(f, "light × {factor}, within {over} actions"),
-            Happens::Paper { wall, .. } => write!(f, "wall {wall} is papered anew"),
+            Happens::Texture { wall, .. } => write!(f, "wall {wall} gets another texture"),
             Happens::Goal { task, goal: [x, y] } => write!(f, "the goal of task {task} moves to ({x}, {y})"),
             Happens::Freeze { frames } => write!(f, "the camera freezes for {frames} frames"),
             Happens::Lose { frames } => write!(f, "the camera loses frames for {frames} frames"),
@@ -98,9 +98,9 @@ impl Change {
                 ),
                 over: s.count("over", 0, "actions", 0, 1_000_000_000, "how long it takes to get there"),
             },
-            Kind::Wall => Happens::Paper {
-                wall: s.count("wall", 0, "", 0, 100_000, "number of the wall that is papered anew, from 0"),
-                texture: Texture::new_paper(s, base, index),
+            Kind::Wall => Happens::Texture {
+                wall: s.count("wall", 0, "", 0, 100_000, "number of the wall that gets another texture, from 0"),
+                texture: Texture::changed(s, base, index),
             },
             Kind::Goal => Happens::Goal {
                 task: s.count("task", 0, "", 0, 100_000, "number of the task whose goal moves, from 0"),

@@ -99,7 +99,7 @@ fn changes(s: &Scenario, reader: &mut Reader<'_>) {
     let walls = s.world.walls.len();
     for (index, change) in s.changes.iter().enumerate() {
         let key = format!("change.{index}.wall");
-        if let Happens::Paper { wall, .. } = change.what
+        if let Happens::Texture { wall, .. } = change.what
             && wall >= walls
             && walls > 0
             && reader.sound(&[&key, "world.wall"])

@@ -5,7 +5,7 @@ use super::keys::{Range, Section};
 /// `[[world.distractor]]`: an upright cylinder that is seen and not felt: a person who walks and gives way, a lamp that blinks.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Distractor {
-    /// It goes to and fro along these corners, metres.
+    /// It goes back and forth along these corners, metres.
     pub path: Vec<[f64; 2]>,
     /// Metres per second; 0: it stands at the first corner.
     pub speed: f64,
@@ -25,7 +25,7 @@ impl Distractor {
     pub(super) fn read(s: &mut Section<'_, '_>, index: usize) -> Self {
         let metres = Range::within(0.0, 1000.0);
         let distractor = Distractor {
-            path: s.points("path", "it goes to and fro along these corners"),
+            path: s.points("path", "it moves back and forth along these corners"),
             speed: s.number("speed", 0.5, "m/s", Range::within(0.0, 100.0), "0: it stands at the first corner"),
             radius: s.number("radius", 0.2, "m", Range::above(0.0, 100.0), "an upright cylinder"),
             bottom: s.number("bottom", 0.0, "m", metres, "where it begins above the floor"),

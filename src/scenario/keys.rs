@@ -11,6 +11,14 @@ use std::path::{Path, PathBuf};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
+/// Keys that had another name in the version before: the name of today, and the old one. A file may still use those.
+const RENAMED: [(&str, &str); 4] = [
+    ("world.texture_seed", "papers"),
+    ("policy.explore_length", "explore_leg"),
+    ("policy.pursue_timeout", "pursue_leg"),
+    ("agent.snapshot_minutes", "keep_minutes"),
+];
+
 /// One thing that is wrong with a scenario.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fault {
@@ -59,6 +67,8 @@ pub struct Reader<'t> {
     overrides: BTreeMap<String, Override<'t>>,
     /// Everything that is wrong so far.
     pub faults: Vec<Fault>,
+    /// Old names of keys that were used.
+    pub notes: Vec<String>,
     /// The complete file.
     written: String,
     lines: BTreeMap<String, Option<usize>>,
@@ -96,7 +106,7 @@ impl<'t> Reader<'t> {
             let value = DeValue::parse(value).map_or_else(|_| DeValue::String(value.into()), Spanned::into_inner);
             overrides.insert(key.trim().to_owned(), Override { value, used: false });
         }
-        Reader { text, root, overrides, faults, written: String::new(), lines: BTreeMap::new() }
+        Reader { text, root, overrides, faults, notes: Vec::new(), written: String::new(), lines: BTreeMap::new() }
     }
 
     /// Read one section; `path` is dotted (`"world.floor"`), empty for the top of the file.
@@ -340,14 +350,34 @@ impl<'t> Section<'_, 't> {
     }
 
     fn take(&mut self, key: &str) -> Found<'t> {
-        self.known.push(key.to_owned());
         let name = self.name(key);
-        if let Some(set) = self.reader.overrides.get_mut(&name) {
+        let found = self.take_as(key, &name);
+        let old = RENAMED.iter().find(|(today, _)| *today == name).map(|(_, old)| *old);
+        match (found, old) {
+            (Found::Nothing, Some(old)) => {
+                let found = self.take_as(old, &name);
+                // In messages and hints it has the name of today.
+                self.known.retain(|known| known != old || matches!(found, Found::Value(..)));
+                if let Found::Value(_, line) = &found {
+                    let line = line.map_or(String::new(), |line| format!(" (line {line})"));
+                    self.reader.notes.push(format!("{}{line} is now called {name}", self.name(old)));
+                }
+                found
+            }
+            (found, _) => found,
+        }
+    }
+
+    /// What a key holds that stands there as `key`; its place is kept as that of `name`.
+    fn take_as(&mut self, key: &str, name: &str) -> Found<'t> {
+        self.known.push(key.to_owned());
+        let (stands, name) = (self.name(key), name.to_owned());
+        if let Some(set) = self.reader.overrides.get_mut(&stands) {
             set.used = true;
             self.reader.lines.insert(name, None);
             return Found::Value(set.value.clone(), None);
         }
-        match find(self.reader.root.get_ref(), &name) {
+        match find(self.reader.root.get_ref(), &stands) {
             None => Found::Nothing,
             Some(value) => {
                 let line = Some(line_of(self.reader.text, value.span().start));

@@ -89,11 +89,12 @@ impl Scenario {
         }
         let mut scenario = Scenario::read(&mut reader, &base, &stem);
         checks::check(&scenario, &mut reader);
+        let notes = std::mem::take(&mut reader.notes);
         let (faults, written) = reader.finish();
         if !faults.is_empty() {
             return Err(ScenarioError::Invalid { path: path.to_owned(), faults });
         }
-        scenario.text = written;
+        (scenario.text, scenario.notes) = (written, notes);
         Ok(scenario)
     }
 

@@ -27,7 +27,7 @@ pub struct Room {
     pub high: [f64; 2],
     /// Height of its walls, metres.
     pub height: f64,
-    /// Wallpaper of each side, in the order of [`SIDES`].
+    /// Texture of each side, in the order of [`SIDES`].
     pub sides: [Texture; 4],
 }
 
@@ -55,7 +55,7 @@ impl Room {
         let height = s.number("height", 0.9, "m", Range::above(0.0, 100.0), "height of its walls");
         let paper = Texture::read(s, base, Defaults::room(index));
         let sides = std::array::from_fn(|side| {
-            let doc = format!("its {} wall, where that is papered otherwise", SIDES[side]);
+            let doc = format!("its {} wall, where that has another texture", SIDES[side]);
             s.inner(SIDES[side], &doc, |s| Texture::read(s, base, Defaults::side(&paper, side)))
         });
         Room { name, low, high, height, sides }
@@ -84,7 +84,7 @@ pub fn walls_of(rooms: &[Room]) -> Vec<Wall> {
     walls.collect()
 }
 
-/// Parts of a room's side without a wall, from and to, metres along the side, in order and apart from each other.
+/// Snapshot of a room's side without a wall, from and to, metres along the side, in order and apart from each other.
 fn gaps(rooms: &[Room], index: usize, side: usize) -> Vec<[f64; 2]> {
     let room = &rooms[index];
     // South and north run along x, east and west along y; east and north lie where coordinates are largest.

@@ -152,7 +152,7 @@ const RANK_TOLERANCE: f64 = 1e-12;
 /// After this many iterations at one step length without convergence, the length is halved.
 const PATIENCE: usize = 100;
 
-/// Shorter steps than 1/8 only take longer: full steps converge at least linearly, and 1/2 stops them from jumping to and fro.
+/// Shorter steps than 1/8 only take longer: full steps converge at least linearly, and 1/2 stops them from jumping back and forth.
 const MOST_HALVINGS: usize = 3;
 
 /// Independent components `y = B(x − x̄)`, of variance 1 on the training samples, sparsest first.

@@ -7,7 +7,7 @@ use super::links::{Link, check_links};
 use crate::dictionary::Thinning;
 use crate::kernel::products::{add_square, product};
 #[cfg(feature = "snapshot")]
-use crate::parts::{Parts, PartsError, Persist};
+use crate::snapshot::{Persist, Snapshot, SnapshotError};
 
 /// The most coordinates that are summed over: two matrices of this size squared take 64 GiB.
 pub const MOST_COORDINATES: usize = 1 << 16;
@@ -262,16 +262,16 @@ impl Moments {
 
 #[cfg(feature = "snapshot")]
 impl Persist for Moments {
-    fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
+    fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
         let room = |rows: usize, columns: usize| (rows, columns);
-        parts.number("frames", &mut self.frames)?;
-        parts.number("links", &mut self.links)?;
-        parts.matrix("sum", &mut self.sum, room)?;
-        parts.matrix("square", &mut self.square, room)?;
-        parts.matrix("derivative", &mut self.derivative, room)?;
+        snapshot.number("frames", &mut self.frames)?;
+        snapshot.number("links", &mut self.links)?;
+        snapshot.matrix("sum", &mut self.sum, room)?;
+        snapshot.matrix("square", &mut self.square, room)?;
+        snapshot.matrix("derivative", &mut self.derivative, room)?;
         let m = self.sum.nrows();
         let sizes = [&self.square, &self.derivative].map(|matrix| (matrix.nrows(), matrix.ncols()));
-        parts.check("square", sizes == [(m, m); 2] && self.sum.ncols() == 1, "the sizes do not fit each other")
+        snapshot.check("square", sizes == [(m, m); 2] && self.sum.ncols() == 1, "the sizes do not fit each other")
     }
 }
 

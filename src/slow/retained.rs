@@ -12,7 +12,7 @@ use crate::dictionary::{Dictionary, Thinning, capacity};
 use crate::kernel::Scalar;
 use crate::kernel::products::{add_product, add_square};
 #[cfg(feature = "snapshot")]
-use crate::parts::{Parts, PartsError, Persist};
+use crate::snapshot::{Persist, Snapshot, SnapshotError};
 
 /// How frames fade.
 #[derive(Debug, Clone, Copy)]
@@ -86,27 +86,27 @@ impl<T: Scalar> Chunk<T> {
 #[cfg(feature = "snapshot")]
 impl<T: Scalar> Chunk<T> {
     /// Save or restore; of the matrices only the columns in use are kept.
-    fn persist(&mut self, parts: &mut Parts, size: usize, budget: usize) -> Result<(), PartsError> {
+    fn persist(&mut self, snapshot: &mut Snapshot, size: usize, budget: usize) -> Result<(), SnapshotError> {
         let (mut x, mut v) = (Mat::new(), Mat::new());
-        if !parts.is_restoring() {
+        if !snapshot.is_restoring() {
             x = self.x.as_ref().subcols(0, self.len()).to_owned();
             v = self.coordinates().to_owned();
         }
-        parts.matrix("x", &mut x, |rows, _| (rows, size))?;
-        parts.matrix("v", &mut v, |rows, _| (capacity(rows, budget), size))?;
-        parts.numbers("norms", &mut self.norms)?;
+        snapshot.matrix("x", &mut x, |rows, _| (rows, size))?;
+        snapshot.matrix("v", &mut v, |rows, _| (capacity(rows, budget), size))?;
+        snapshot.numbers("norms", &mut self.norms)?;
         let mut links: Vec<Option<(u64, u64)>> =
             self.links.iter().map(|link| link.map(|link| (link.dt.to_bits(), link.weight.to_bits()))).collect();
-        parts.value("links", &mut links)?;
-        parts.value("times", &mut self.times)?;
-        parts.value("summed", &mut self.summed)?;
-        if parts.is_restoring() {
+        snapshot.value("links", &mut links)?;
+        snapshot.value("times", &mut self.times)?;
+        snapshot.value("summed", &mut self.summed)?;
+        if snapshot.is_restoring() {
             let link = |(dt, weight): (u64, u64)| Link { dt: f64::from_bits(dt), weight: f64::from_bits(weight) };
             self.links = links.into_iter().map(|bits| bits.map(link)).collect();
             let n = self.norms.len();
             let sizes = [x.ncols(), v.ncols(), self.links.len(), self.times.len()];
             let fits = sizes == [n; 4] && n <= size && self.summed <= n;
-            parts.check("x", fits, "the sizes do not fit each other")?;
+            snapshot.check("x", fits, "the sizes do not fit each other")?;
             x.resize_with(x.nrows(), size, |_, _| T::default());
             v.resize_with(v.nrows(), size, |_, _| 0.0);
             (self.x, self.v) = (x, v);
@@ -117,26 +117,26 @@ impl<T: Scalar> Chunk<T> {
 
 #[cfg(feature = "snapshot")]
 impl<T: Scalar> Persist for Retained<T> {
-    fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
+    fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
         let mut count = self.chunks.len();
-        parts.value("chunks", &mut count)?;
-        if parts.is_restoring() {
+        snapshot.value("chunks", &mut count)?;
+        if snapshot.is_restoring() {
             // Each of them has parts of its own: a number that is wrong ends at the first that is missing.
             self.chunks.clear();
         }
         for place in 0..count {
-            if parts.is_restoring() {
+            if snapshot.is_restoring() {
                 self.chunks.push_back(Chunk::new(0, 0, 0, 0));
             }
             let (size, budget) = (self.size, self.budget);
             let Some(chunk) = self.chunks.get_mut(place) else { break };
-            parts.scope(&place.to_string(), |parts| chunk.persist(parts, size, budget))?;
+            snapshot.scope(&place.to_string(), |snapshot| chunk.persist(snapshot, size, budget))?;
         }
         let alike = |chunk: &Chunk<T>| (chunk.x.nrows(), chunk.v.nrows());
         let first = self.chunks.front().map(alike);
         let fits = self.chunks.iter().all(|chunk| Some(alike(chunk)) == first && chunk.len() > 0);
         let full = self.chunks.iter().rev().skip(1).all(|chunk| chunk.len() == self.size);
-        parts.check("chunks", fits && full, "they do not fit each other")
+        snapshot.check("chunks", fits && full, "they do not fit each other")
     }
 }
 

@@ -9,7 +9,7 @@ use super::retained::{Fading, Frames, Retained};
 use crate::dictionary::{Block, Dictionary, DictionaryError, FeatureMap, Selection, capacity};
 use crate::kernel::{Scalar, is_usable_norm, squared_norms};
 #[cfg(feature = "snapshot")]
-use crate::parts::{Parts, PartsError, Persist};
+use crate::snapshot::{Persist, Snapshot, SnapshotError};
 
 /// Options of a [`SlowStream`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -367,17 +367,21 @@ impl<T: Scalar> SlowStream<T> {
     }
 }
 
-/// A stream is made again into a new one with the same selection, parameters and options.
+/// A stream is restored into a new one with the same selection, parameters and options.
 #[cfg(feature = "snapshot")]
 impl<T: Scalar> Persist for SlowStream<T> {
-    fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
-        parts.scope("selection", |parts| self.selection.persist(parts))?;
-        parts.inner("moments", &mut self.moments)?;
-        parts.inner("retained", &mut self.retained)?;
-        parts.value("frames", &mut self.frames)?;
-        parts.value("faded", &mut self.faded)?;
-        parts.value("cut", &mut self.cut)?;
-        parts.value("quarantined", &mut self.quarantined)?;
-        parts.check("moments", self.sizes_fit(), "another number of coordinates than support vectors and frames have")
+    fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
+        snapshot.scope("selection", |snapshot| self.selection.persist(snapshot))?;
+        snapshot.inner("moments", &mut self.moments)?;
+        snapshot.inner("retained", &mut self.retained)?;
+        snapshot.value("frames", &mut self.frames)?;
+        snapshot.value("faded", &mut self.faded)?;
+        snapshot.value("cut", &mut self.cut)?;
+        snapshot.value("quarantined", &mut self.quarantined)?;
+        snapshot.check(
+            "moments",
+            self.sizes_fit(),
+            "another number of coordinates than support vectors and frames have",
+        )
     }
 }

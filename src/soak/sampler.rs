@@ -69,7 +69,7 @@ impl Sampler {
         loop {
             std::thread::sleep(LOOK_INTERVAL);
             let ends = over.load(Ordering::Relaxed);
-            let now = status.snapshot();
+            let now = status.now();
             let due = now.actions as u64 * SAMPLES / self.actions.max(1);
             if due <= taken && !ends {
                 continue;

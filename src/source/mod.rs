@@ -8,8 +8,8 @@ pub use imported::{ImportReport, Imported};
 pub use recorded::{Recorded, Resumed};
 pub use segments::{Cutter, Rule, Segment, Step};
 
-use crate::parts::{Parts, PartsError};
 use crate::robot::{Action, Pose};
+use crate::snapshot::{Snapshot, SnapshotError};
 use crate::vision::Image;
 
 /// One camera frame with what else was sensed at that moment.
@@ -83,12 +83,12 @@ pub trait Source {
     /// takes: the run may be paused.
     fn execute(&mut self, action: Action, give: &mut dyn FnMut(Frame) -> bool) -> bool;
 
-    /// Put away or make again where it is, between two actions, see [`Persist`](crate::parts::Persist).
+    /// Save or restore where it is, between two actions, see [`Persist`](crate::snapshot::Persist).
     ///
     /// # Errors
-    /// A source that cannot be put away; parts that are missing or do not fit.
-    fn persist(&mut self, _parts: &mut Parts) -> Result<(), PartsError> {
-        Err(PartsError::Unable("this source of frames"))
+    /// A source that cannot be saved; parts that are missing or do not fit.
+    fn persist(&mut self, _snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
+        Err(SnapshotError::Unable("this source of frames"))
     }
 
     /// What came of another program's log so far, if that is where the frames are from.

@@ -9,9 +9,9 @@ use super::{Boundary, Frame, GoalMove, Source, View};
 use crate::log::files::FilesReader;
 use crate::log::messages::{self as msg, FrameTaken, GoalMoved, Image, LaserScan, Odometry, PoseStamped};
 use crate::log::{LogError, Message, Record, topics};
-use crate::parts::{Parts, PartsError};
 use crate::robot::{Action, Pose};
 use crate::scenario::Scenario;
+use crate::snapshot::{Snapshot, SnapshotError};
 
 /// What was sensed with a frame, as far as it was read.
 #[derive(Default)]
@@ -210,7 +210,7 @@ impl<S: Source> Source for Resumed<S> {
         self.live.execute(action, &mut |frame| last.is_some_and(|last| frame.number <= last) || give(frame))
     }
 
-    fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
+    fn persist(&mut self, parts: &mut Snapshot) -> Result<(), SnapshotError> {
         self.live.persist(parts)
     }
 }

@@ -5,9 +5,9 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::Arena;
-use crate::parts::{Parts, PartsError, Persist};
 use crate::robot::{Action, ActionSet, Motion, Pose};
 use crate::scenario;
+use crate::snapshot::{Persist, Snapshot, SnapshotError};
 
 /// The motion that was drawn for one frame of an action, before walls.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -80,15 +80,15 @@ impl Robot {
 }
 
 impl Persist for Robot {
-    fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
+    fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
         for (name, pose) in [("pose", &mut self.pose), ("odometry", &mut self.odometry)] {
             let mut numbers = vec![pose.position.x, pose.position.y, pose.heading];
-            parts.numbers(name, &mut numbers)?;
-            let [x, y, heading] = numbers[..] else { return parts.check(name, false, "not three numbers") };
+            snapshot.numbers(name, &mut numbers)?;
+            let [x, y, heading] = numbers[..] else { return snapshot.check(name, false, "not three numbers") };
             // Not by `Pose::new`: the heading is in its range already, and every bit counts.
             *pose = Pose { position: Point2::new(x, y), heading };
         }
-        parts.random("noise", &mut self.noise)
+        snapshot.random("noise", &mut self.noise)
     }
 }
 

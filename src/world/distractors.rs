@@ -119,7 +119,7 @@ mod tests {
             let at = walker(None).at(seconds).centre;
             assert!((at - Point2::from(place)).norm() < 1e-12, "{seconds} s: {at}");
             let later = walker(None).at(seconds + 32.0).centre;
-            assert!((later - at).norm() < 1e-9, "{seconds} s, two ways to and fro later: {later}");
+            assert!((later - at).norm() < 1e-9, "{seconds} s, two ways back and forth later: {later}");
         }
     }
 

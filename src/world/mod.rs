@@ -3,12 +3,12 @@
 //! A [`World`] holds what all robots have in common; a [`Robot`] in it is a pose and a noise generator. Any number of robots can
 //! drive in the same world without noticing each other, which is how evaluation runs trials beside a live run.
 
+mod appearance;
 mod arena;
 mod batch;
 mod body;
 mod camera;
 mod distractors;
-mod looks;
 mod noise;
 mod pyramids;
 mod sensor;
@@ -20,11 +20,11 @@ mod views;
 #[path = "views/absent.rs"]
 mod views;
 
+pub use appearance::Appearance;
 pub use arena::Arena;
 pub(crate) use body::drive;
 pub use body::{FrameMotion, Robot};
 pub use camera::Camera;
-pub use looks::Looks;
 pub use sensor::Sensor;
 pub use simulated::Simulated;
 
@@ -40,7 +40,7 @@ pub struct World {
     /// Walls for contacts and sonar.
     pub arena: Arena,
     /// What the camera sees of it, frame by frame.
-    pub looks: Looks,
+    pub appearance: Appearance,
 }
 
 impl World {
@@ -53,6 +53,6 @@ impl World {
     /// Never for a scenario from [`Scenario::load`], whose checks include the floor plan.
     pub fn new(scenario: &Scenario) -> Result<Self, ::image::ImageError> {
         let plan = Arc::new(Plan::new(scenario).expect("a checked scenario has a floor plan"));
-        Ok(World { plan, arena: Arena::new(&scenario.world.walls), looks: Looks::new(scenario)? })
+        Ok(World { plan, arena: Arena::new(&scenario.world.walls), appearance: Appearance::new(scenario)? })
     }
 }

@@ -7,7 +7,7 @@ use pulp::NullaryFnOnce;
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
-use crate::parts::{Parts, PartsError, Persist};
+use crate::snapshot::{Persist, Snapshot, SnapshotError};
 
 /// Generators side by side: one vector register of 256 bits.
 const LANES: usize = 8;
@@ -64,8 +64,8 @@ impl Noise {
 }
 
 impl Persist for Noise {
-    fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
-        parts.value("state", &mut self.state)
+    fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
+        snapshot.value("state", &mut self.state)
     }
 }
 

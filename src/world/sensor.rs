@@ -4,8 +4,8 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::noise::Noise;
-use crate::parts::{Parts, PartsError, Persist};
 use crate::scenario::{Detail, Scenario};
+use crate::snapshot::{Persist, Snapshot, SnapshotError};
 use crate::vision::Image;
 
 /// The camera's sensor.
@@ -46,10 +46,10 @@ impl Sensor {
 }
 
 impl Persist for Sensor {
-    fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
-        parts.random("random", &mut self.random)?;
-        parts.inner("noise", &mut self.noise)?;
-        parts.number("exposure", &mut self.exposure)
+    fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
+        snapshot.random("random", &mut self.random)?;
+        snapshot.inner("noise", &mut self.noise)?;
+        snapshot.number("exposure", &mut self.exposure)
     }
 }
 

@@ -5,10 +5,10 @@ use std::sync::Arc;
 use nalgebra::Point2;
 
 use super::{Robot, Sensor, World};
-use crate::parts::{Parts, PartsError};
 use crate::random::stream;
 use crate::robot::{Action, Pose};
 use crate::scenario::Scenario;
+use crate::snapshot::{Snapshot, SnapshotError};
 use crate::source::{Boundary, Frame, Source, View};
 use crate::vision::Image;
 
@@ -55,16 +55,16 @@ impl Simulated {
     }
 
     fn picture(&mut self, number: u64) -> Image {
-        let looks = &self.world.looks;
-        let mut image = looks.render(&self.robot.pose, number);
+        let appearance = &self.world.appearance;
+        let mut image = appearance.render(&self.robot.pose, number);
         // A camera that is frozen goes on exposing, so that what comes afterwards is what it would have been.
-        self.sensor.expose(&mut image, looks.light(number));
-        if looks.is_frozen(number)
+        self.sensor.expose(&mut image, appearance.light(number));
+        if appearance.is_frozen(number)
             && let Some(picture) = &self.picture
         {
             image = picture.clone();
         }
-        self.picture = looks.is_frozen(number + 1).then(|| image.clone());
+        self.picture = appearance.is_frozen(number + 1).then(|| image.clone());
         image
     }
 }
@@ -81,7 +81,7 @@ impl Source for Simulated {
         for index in 1..=frames {
             blocked |= self.robot.drive(motion, &self.world.arena);
             let boundary = (index == frames).then_some(Boundary { blocked });
-            let lost = boundary.is_none() && self.world.looks.is_lost(self.number);
+            let lost = boundary.is_none() && self.world.appearance.is_lost(self.number);
             let frame = self.frame(Some(action), boundary);
             // It was taken, as without the loss, and never arrives.
             if !lost && !give(frame) {
@@ -91,16 +91,16 @@ impl Source for Simulated {
         true
     }
 
-    fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
-        parts.inner("robot", &mut self.robot)?;
-        parts.inner("sensor", &mut self.sensor)?;
-        parts.value("number", &mut self.number)?;
-        if self.world.looks.is_frozen(self.number) {
+    fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
+        snapshot.inner("robot", &mut self.robot)?;
+        snapshot.inner("sensor", &mut self.sensor)?;
+        snapshot.value("number", &mut self.number)?;
+        if self.world.appearance.is_frozen(self.number) {
             let mut picture = self.picture.take().unwrap_or_default();
-            parts.value("width", &mut picture.width)?;
-            parts.value("height", &mut picture.height)?;
-            parts.value("cropped", &mut picture.cropped)?;
-            parts.numbers("picture", &mut picture.rgb)?;
+            snapshot.value("width", &mut picture.width)?;
+            snapshot.value("height", &mut picture.height)?;
+            snapshot.value("cropped", &mut picture.cropped)?;
+            snapshot.numbers("picture", &mut picture.rgb)?;
             self.picture = Some(picture);
         }
         Ok(())

@@ -31,7 +31,7 @@ fn in_the_lab_all_goals_are_reached_after_five_thousand_actions() {
     }
 }
 
-/// The thesis's two rooms at half their size: the same papers, goals in both, a corridor of 1.4 m between them.
+/// The thesis's two rooms at half their size: the same texture_seed, goals in both, a corridor of 1.4 m between them.
 const TWO_ROOMS: [&str; 20] = [
     "--set",
     "world.room.0.corners=[[0.0,0.0],[2.8,2.8]]",

@@ -80,7 +80,7 @@ proptest! {
             let heard = world.arena.range(start, pose.direction(), 100.0);
             prop_assert!((heard - way).abs() < 3e-3, "{rooms:?} at {heading}: sonar {heard}, floor {way}");
             // Lens at 0.5 m: the wall's foot is seen at a slope of 0.5 / way, floor (green) below, wall (red) above.
-            let image = world.looks.camera(0).render(&pose);
+            let image = world.appearance.camera(0).render(&pose);
             let focal = 16.5 / 33f64.to_radians().tan();
             for row in 17..33usize {
                 let depth = 0.5 * focal / (row as f64 + 0.5 - 16.5);
@@ -250,7 +250,7 @@ goal = [1.0, 1.0]
     assert_eq!(again, scenario);
     let world = World::new(&scenario).unwrap();
     let seen = |degrees: f64, frame: u64| {
-        let image = world.looks.camera(frame).render(&Pose::new(Point2::new(2.0, 2.0), degrees.to_radians()));
+        let image = world.appearance.camera(frame).render(&Pose::new(Point2::new(2.0, 2.0), degrees.to_radians()));
         let at = 3 * (image.width * (image.height / 2) + image.width / 2);
         (0..3).max_by_key(|&channel| image.rgb[at + channel]).unwrap()
     };
@@ -266,7 +266,7 @@ fn pyramids_stand_above_the_courts_wall_where_they_are() {
     let pyramid = &scenario.world.pyramids[0];
     let from = Point2::new(11.25, 2.75);
     let to = Point2::from(pyramid.centre) - from;
-    let image = world.looks.camera(0).render(&Pose::new(from, to.y.atan2(to.x)));
+    let image = world.appearance.camera(0).render(&Pose::new(from, to.y.atan2(to.x)));
     let focal = 160.0 / 33f64.to_radians().tan();
     let channel = |row: usize| {
         let at = 3 * (image.width * row + image.width / 2);
@@ -276,7 +276,7 @@ fn pyramids_stand_above_the_courts_wall_where_they_are() {
     let top = 120.0 - focal * (pyramid.height - scenario.camera.mount_height) / to.norm();
     assert_eq!((channel(top as usize - 3), channel(top as usize + 3)), (2, 0));
     // From within the temple's corner no wall is low enough.
-    let hidden = world.looks.camera(0).render(&Pose::new(Point2::new(2.0, 4.0), 2.0));
+    let hidden = world.appearance.camera(0).render(&Pose::new(Point2::new(2.0, 4.0), 2.0));
     assert!(hidden.rgb.chunks(3).take(320 * 100).all(|pixel| !(pixel[2] > pixel[0] && pixel[2] > 140)));
 }
 

@@ -111,7 +111,7 @@ fn a_fault_names_value_range_and_the_key_that_was_meant() {
     assert_fault(&misspelt, &[], "value.gama", &["did you mean gamma?"]);
     assert_fault(&room, &["value.gamma=1.0"], "value.gamma", &["= 1 ", "[0, 0.9999]"]);
     assert_fault(&room, &["robot.turn_deg=nan"], "robot.turn_deg", &["NaN", "(0, 180]"]);
-    assert_fault(&room, &["world.papers=-1"], "world.papers", &["-1", "[0, 1000000]"]);
+    assert_fault(&room, &["world.texture_seed=-1"], "world.texture_seed", &["-1", "[0, 1000000]"]);
     let upside_down = format!("{room}[[world.distractor]]\npath = [[0.5, 0.5], [1.0, 1.0]]\nbottom = 2.0\n");
     assert_fault(&upside_down, &[], "world.distractor.0.bottom", &["= 2 ", "below top = 1.7"]);
 }
@@ -191,7 +191,7 @@ fn an_image_file_can_paper_a_wall() {
     let scenario = Scenario::load(&folder.path().join("room.toml"), &[]).unwrap();
     let world = adagio::world::World::new(&scenario).unwrap();
     let pose = adagio::robot::Pose::new(nalgebra::Point2::new(1.0, 0.9), 0.0);
-    let seen = world.looks.camera(0).render(&pose);
+    let seen = world.appearance.camera(0).render(&pose);
     let middle = 3 * (seen.width * (seen.height / 2) + seen.width / 2);
     assert_eq!(seen.rgb[middle..middle + 3], [10, 200, 30]);
     // The complete file names the picture by its absolute path, so it can be read from anywhere.
@@ -279,4 +279,25 @@ fn the_reference_in_the_docs_is_what_the_keys_say() {
         stands == reference,
         "docs/scenario.md is not what the keys say, first at {differs:?}: write it again with ADAGIO_BLESS=1 (see CONTRIBUTING.md)"
     );
+}
+
+#[test]
+fn keys_with_their_old_names_mean_the_same_and_are_noted() {
+    let text = format!("[policy]\nexplore_leg = 7\n[agent]\nkeep_minutes = 3.0\n{ROOM}{TASK}");
+    let sets = ["world.papers=2".to_owned()];
+    let old = Scenario::parse(&text, Path::new("old.toml"), &sets).unwrap();
+    let text = text.replace("explore_leg", "explore_length").replace("keep_minutes", "snapshot_minutes");
+    let new = Scenario::parse(&text, Path::new("old.toml"), &["world.texture_seed=2".to_owned()]).unwrap();
+    assert_eq!((old.text, old.policy, old.agent, old.world), (new.text, new.policy, new.agent, new.world));
+    let noted = [
+        "world.papers is now called world.texture_seed",
+        "policy.explore_leg (line 2) is now called policy.explore_length",
+        "agent.keep_minutes (line 4) is now called agent.snapshot_minutes",
+    ];
+    assert_eq!((old.notes, new.notes), (noted.map(str::to_owned).to_vec(), Vec::new()));
+    // Both names at once are a fault, and faults of a value name the key as it is called now.
+    let both = format!("[policy]\nexplore_leg = 7\nexplore_length = 7\n{ROOM}{TASK}");
+    assert_fault(&both, &[], "policy.explore_leg", &["is not a key of this section"]);
+    let wrong = format!("[policy]\nexplore_leg = 0\n{ROOM}{TASK}");
+    assert_fault(&wrong, &[], "policy.explore_length", &["0", "[1, 1000000]"]);
 }

@@ -116,7 +116,7 @@ fn the_camera_sees_floor_below_walls_below_surroundings_in_perspective() {
         "world.wall.1.hue=0",
     ]);
     // 1.5 m in front of the wall at x = 3, lens 0.5 m above the floor.
-    let image = world.looks.camera(0).render(&Pose::new(Point2::new(1.5, 0.9), 0.0));
+    let image = world.appearance.camera(0).render(&Pose::new(Point2::new(1.5, 0.9), 0.0));
     let focal = 160.0 / 33f64.to_radians().tan();
     let column = image.width / 2;
     let colour = |row: usize| {
@@ -137,7 +137,7 @@ fn the_camera_sees_floor_below_walls_below_surroundings_in_perspective() {
 #[test]
 fn exposure_and_noise_change_pixels_and_vision_undoes_most_of_it() {
     let (scenario, world) = lab(&[]);
-    let clean = world.looks.camera(0).render(&Pose::new(Point2::new(1.0, 0.7), 1.0));
+    let clean = world.appearance.camera(0).render(&Pose::new(Point2::new(1.0, 0.7), 1.0));
     let target = observe(&clean, &scenario.vision, 0);
     for seed in 0..20 {
         let mut exposed = clean.clone();
@@ -155,7 +155,7 @@ fn a_lens_hardly_above_the_floor_sees_floor_below_the_horizon() {
     for height in [97, 241] {
         let (_, world) = lab(&[&format!("camera.height={height}"), "camera.mount_height=1e-17"]);
         for pose in poses(20) {
-            let image = world.looks.camera(0).render(&pose);
+            let image = world.appearance.camera(0).render(&pose);
             assert_eq!(image.rgb.len(), 3 * 320 * height);
         }
     }
@@ -174,9 +174,9 @@ fn distractors_hide_what_is_behind_them_and_are_hidden_by_walls() {
     let pose = Pose::new(Point2::new(0.5, 0.9), 0.0);
     let differs = |image: &Image, column: usize, row: usize| {
         let at = 3 * (320 * row + column);
-        image.rgb[at..at + 3] != bare.looks.render(&pose, 0).rgb[at..at + 3]
+        image.rgb[at..at + 3] != bare.appearance.render(&pose, 0).rgb[at..at + 3]
     };
-    let seen = near.looks.render(&pose, 0);
+    let seen = near.appearance.render(&pose, 0);
     // 1.5 m ahead its side is seen at asin(0.2 / 1.5) to both sides.
     let focal = 160.0 / 33f64.to_radians().tan();
     let half = focal * (0.2f64 / 1.5).asin().tan();
@@ -185,17 +185,17 @@ fn distractors_hide_what_is_behind_them_and_are_hidden_by_walls() {
     // It stands on the floor, 1.3 m away where it is nearest, and the lens is 0.5 m above it.
     let foot = 120.0 + focal * 0.5 / 1.3;
     assert!(differs(&seen, 160, foot as usize - 2) && !differs(&seen, 160, foot as usize + 2));
-    // After four seconds it is dark and 2 m farther on its way to and fro of 2 m: where it was.
-    let dark = near.looks.render(&pose, 20);
+    // After four seconds it is dark and 2 m farther on its way back and forth of 2 m: where it was.
+    let dark = near.appearance.render(&pose, 20);
     let at = 3 * (320 * 130 + 160);
     assert!(seen.rgb[at] > 200 && dark.rgb[at] < 60, "{} {}", seen.rgb[at], dark.rgb[at]);
     // A trial that is four seconds ahead sees the same.
     let mut later = Image::default();
-    near.looks.render_into(&pose, 0, 20, &mut later);
+    near.appearance.render_into(&pose, 0, 20, &mut later);
     assert_eq!(later.rgb, dark.rgb);
     // Behind the wall 2.5 m ahead, 0.9 m high: from 0.5 m above the floor its top is seen at 1.7 m alone.
     let behind = world(&(red.to_owned() + "path = [[4.0, 0.9], [4.0, 1.9]]\nradius = 0.2\n"));
-    let seen = behind.looks.render(&pose, 0);
+    let seen = behind.appearance.render(&pose, 0);
     let (wall, top) = (120.0 - focal * 0.4 / 2.5, 120.0 - focal * 1.2 / 3.3);
     assert!(!differs(&seen, 160, wall as usize + 2) && differs(&seen, 160, wall as usize - 2));
     assert!(differs(&seen, 160, top as usize + 2) && !differs(&seen, 160, top as usize - 2));
@@ -204,11 +204,11 @@ fn distractors_hide_what_is_behind_them_and_are_hidden_by_walls() {
 #[test]
 fn other_papers_change_the_patterns_of_walls_and_floor_and_nothing_else() {
     let (_, plain) = lab(&[]);
-    let (_, same) = lab(&["world.papers=0"]);
-    let (first, papered) = lab(&["world.papers=1"]);
-    let (_, other) = lab(&["world.papers=2"]);
+    let (_, same) = lab(&["world.texture_seed=0"]);
+    let (first, papered) = lab(&["world.texture_seed=1"]);
+    let (_, other) = lab(&["world.texture_seed=2"]);
     let pose = Pose::new(Point2::new(1.0, 0.9), 0.3);
-    let [plain, same, papered, other] = [plain, same, papered, other].map(|world| world.looks.render(&pose, 0));
+    let [plain, same, papered, other] = [plain, same, papered, other].map(|world| world.appearance.render(&pose, 0));
     assert_eq!(plain.rgb, same.rgb);
     // Where the far surroundings are seen nothing changes; nearly all else does.
     let top = 3 * 320 * 20;
@@ -253,9 +253,9 @@ fn samples_for_vision_are_the_pixels_of_a_small_camera_with_the_same_view() {
     let (mut pixels, mut same, mut same_moved) = (0, 0, [0; 4]);
     let equal = |a: &[u8], b: &[u8]| a.chunks_exact(3).zip(b.chunks_exact(3)).filter(|(a, b)| a == b).count();
     for pose in poses(400) {
-        let image = world.looks.camera(0).render(&pose);
+        let image = world.appearance.camera(0).render(&pose);
         assert_eq!((image.width, image.height, image.cropped), (128, 64, true));
-        let known = small.looks.camera(0).render(&pose);
+        let known = small.appearance.camera(0).render(&pose);
         let known = &known.rgb[3 * 128 * 32..];
         pixels += known.len() / 3;
         same += equal(known, &image.rgb);
@@ -278,8 +278,8 @@ fn what_vision_makes_of_samples_is_nearest_to_the_full_image_where_it_is() {
     let seen = |image: &Image| observe(image, &scenario.vision, 0).pixels;
     let (mut in_place, mut moved) = (0, [0; 4]);
     for pose in poses(100) {
-        let full = seen(&world.looks.camera(0).render(&pose));
-        let samples = sampled.looks.camera(0).render(&pose);
+        let full = seen(&world.appearance.camera(0).render(&pose));
+        let samples = sampled.appearance.camera(0).render(&pose);
         let error = |image: &Image| -> u64 {
             full.iter().zip(seen(image)).map(|(&a, b)| u64::from(a.abs_diff(b)).pow(2)).sum()
         };
@@ -295,7 +295,7 @@ fn what_vision_makes_of_samples_is_nearest_to_the_full_image_where_it_is() {
 fn watch(detail: &str, keys: &[&str], frames: usize) -> Vec<Vec<f64>> {
     let detail = format!("camera.detail={detail}");
     let (scenario, world) = lab(&[&["vision.brightness=0", &detail], keys].concat());
-    let clean = world.looks.camera(0).render(&Pose::new(Point2::new(1.0, 0.7), 1.0));
+    let clean = world.appearance.camera(0).render(&Pose::new(Point2::new(1.0, 0.7), 1.0));
     let mut sensor = Sensor::new(&scenario, 0.2, stream(5, "test"));
     // Noise goes no further down than this, and must not reach white.
     let deepest = 3.31 * scenario.camera.pixel_noise;

@@ -8,7 +8,7 @@ use adagio::robot::Pose;
 use adagio::scenario::{Change, Happens, Scenario};
 use adagio::vision::Image;
 use adagio::vision::observe;
-use adagio::world::{Looks, World};
+use adagio::world::{Appearance, World};
 use nalgebra::{Point2, Vector2};
 use rand::RngExt;
 use serde_json::Value;
@@ -71,16 +71,16 @@ fn a_device_draws_what_the_processor_draws_in_every_scenario() {
     for path in scenarios() {
         let scenario = Scenario::load(&path, &[]).unwrap();
         let world = World::new(&scenario).unwrap();
-        let drawn_by = Looks::new(&scenario).unwrap().on(gpu.clone());
+        let drawn_by = Appearance::new(&scenario).unwrap().on(gpu.clone());
         let poses = random_poses(&world, 1000, 7);
         // The world as it looks at first, and after each change of its papers.
-        let papered = |change: &&Change| matches!(change.what, Happens::Paper { .. });
+        let papered = |change: &&Change| matches!(change.what, Happens::Texture { .. });
         let changes = scenario.changes.iter().filter(papered).map(|change| change.first_frame(&scenario.robot));
         for frame in std::iter::once(0).chain(changes) {
             let mut ours = vec![Image::default(); poses.len()];
             let mut theirs = ours.clone();
             for (image, (pose, later)) in ours.iter_mut().zip(&poses) {
-                world.looks.render_into(pose, frame, *later, image);
+                world.appearance.render_into(pose, frame, *later, image);
             }
             assert!(drawn_by.render_by_device(frame, &poses, &mut theirs), "{:?}", drawn_by.rendered_by());
             let found = compare(&scenario, &ours, &theirs);
@@ -102,12 +102,12 @@ fn a_device_draws_full_pictures_and_single_views() {
         let sets: Vec<String> = sets.iter().map(|&set| set.to_owned()).collect();
         let scenario = Scenario::load(&package_file("scenarios/two_rooms.toml"), &sets).unwrap();
         let world = World::new(&scenario).unwrap();
-        let drawn_by = Looks::new(&scenario).unwrap().on(gpu.clone());
+        let drawn_by = Appearance::new(&scenario).unwrap().on(gpu.clone());
         let poses = random_poses(&world, 40, 8);
         let mut ours = vec![Image::default(); poses.len()];
         let (mut theirs, mut single) = (ours.clone(), ours.clone());
         for (i, (pose, later)) in poses.iter().enumerate() {
-            world.looks.render_into(pose, 0, *later, &mut ours[i]);
+            world.appearance.render_into(pose, 0, *later, &mut ours[i]);
             drawn_by.render_into(pose, 0, *later, &mut single[i]);
         }
         assert!(drawn_by.render_by_device(0, &poses, &mut theirs));
@@ -124,27 +124,27 @@ fn a_device_that_is_lost_is_told_once_and_the_processor_goes_on() {
     let Some(gpu) = device() else { return };
     let scenario = Scenario::load(&package_file("scenarios/smoke.toml"), &[]).unwrap();
     let world = World::new(&scenario).unwrap();
-    let looks = Looks::new(&scenario).unwrap().on(gpu.clone());
+    let appearance = Appearance::new(&scenario).unwrap().on(gpu.clone());
     let poses = random_poses(&world, 100, 9);
     let mut images = vec![Image::default(); poses.len()];
-    assert!(looks.render_by_device(0, &poses, &mut images));
-    assert_eq!(looks.rendered_by().unwrap().gpu.as_deref(), Some(gpu.name()));
-    assert_eq!(looks.missing_device(), None);
+    assert!(appearance.render_by_device(0, &poses, &mut images));
+    assert_eq!(appearance.rendered_by().unwrap().gpu.as_deref(), Some(gpu.name()));
+    assert_eq!(appearance.missing_device(), None);
     gpu.lose();
     for _ in 0..2 {
-        assert!(!looks.render_by_device(0, &poses, &mut images));
-        let by = looks.rendered_by().unwrap();
+        assert!(!appearance.render_by_device(0, &poses, &mut images));
+        let by = appearance.rendered_by().unwrap();
         // It did a part of the work, and that stays known.
         assert_eq!(by.gpu.as_deref(), Some(gpu.name()));
         assert!(!by.is_device() && by.failed.as_ref().unwrap().contains("has failed"), "{by:?}");
         assert!(by.to_string().ends_with("and the processor went on"), "{by}");
     }
-    assert!(looks.missing_device().unwrap().contains("has failed"));
+    assert!(appearance.missing_device().unwrap().contains("has failed"));
     // Single views, too.
     let (pose, later) = poses[0];
     let (mut ours, mut theirs) = (Image::default(), Image::default());
-    looks.render_into(&pose, 0, later, &mut ours);
-    world.looks.render_into(&pose, 0, later, &mut theirs);
+    appearance.render_into(&pose, 0, later, &mut ours);
+    world.appearance.render_into(&pose, 0, later, &mut theirs);
     assert_eq!(ours, theirs);
 }
 

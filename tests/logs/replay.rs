@@ -272,7 +272,7 @@ fn a_run_that_was_killed_goes_on_from_the_last_state_that_was_kept() {
             format!("agent.mode={mode}"),
             format!("dictionary.selection={selection}"),
             format!("value.method={method}"),
-            "agent.keep_minutes=0.002".to_owned(),
+            "agent.snapshot_minutes=0.002".to_owned(),
         ];
         let mut settings = vec!["--actions", "1000"];
         settings.extend(sets.iter().flat_map(|set| ["--set", set]));

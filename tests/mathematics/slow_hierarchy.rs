@@ -20,7 +20,7 @@ fn correlation(y: &Mat<f64>, row: usize, series: &[f64]) -> f64 {
     ys / (yy * ss).sqrt()
 }
 
-/// A blob on `width × height` pixels that moves slowly to and fro along the width, quickly along the height, and whose
+/// A blob on `width × height` pixels that moves slowly back and forth along the width, quickly along the height, and whose
 /// polarity is tossed anew in every frame. The position along the width is returned with it.
 fn blobs(shape: Shape, n: usize, seed: u64) -> (Mat<f64>, Vec<f64>) {
     let mut rng = generator(seed);

@@ -1,4 +1,4 @@
-//! Promise: a run leaves a report that stands alone, shows the run's own numbers, and can be made again from the log.
+//! Promise: a run leaves a report that stands alone, shows the run's own numbers, and can be restored from the log.
 
 use std::collections::BTreeMap;
 use std::fs;

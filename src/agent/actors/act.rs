@@ -10,28 +10,28 @@ use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
 
-use super::messages::{Decision, Item, Judged, Percept, Update};
+use super::messages::{Decision, Item, Percept, TaskOutcomes, Update};
 use super::record::{Level, Recorder};
 use super::saved::{action_of, learned, recent_numbers, recent_of};
 use crate::agent::error::RunError;
 use crate::agent::runtime::clock::Clock;
 use crate::agent::runtime::controls::Controls;
-use crate::agent::runtime::marker::{Keep, Marker, Quiet};
+use crate::agent::runtime::marker::{Marker, Quiescence, SnapshotSettings};
 use crate::agent::runtime::queue::{Closed, Inbox, Outbox};
 use crate::agent::runtime::status::Status;
-use crate::agent::runtime::timing::Schedule;
-use crate::parts::{Parts, PartsError, Persist};
-use crate::policy::{Behaviour, Learned, Leg, Recent, Reflexes, Tally, Walk};
+use crate::agent::runtime::timing::ModelTiming;
+use crate::policy::{Behaviour, BehaviourSchedule, Learned, Recent, Reflexes, Tally, Walk};
 use crate::random::stream;
 use crate::robot::Action;
 use crate::scenario::{Mode, Scenario};
+use crate::snapshot::{Persist, Snapshot, SnapshotError};
 use crate::value::Fit;
 use crate::vision::Observation;
 
 /// Exploration, pursuit and reflexes.
 pub struct Act {
     learned: Option<Arc<Learned>>,
-    behaviour: Behaviour,
+    behaviour: BehaviourSchedule,
     walk: Walk,
     reflexes: Reflexes,
     number: usize,
@@ -42,7 +42,7 @@ impl Act {
     pub fn new(scenario: &Scenario) -> Self {
         Act {
             learned: None,
-            behaviour: Behaviour::new(scenario, stream(scenario.seed, "legs")),
+            behaviour: BehaviourSchedule::new(scenario, stream(scenario.seed, "legs")),
             walk: Walk::new(scenario, stream(scenario.seed, "explore")),
             reflexes: Reflexes::new(scenario),
             number: 0,
@@ -56,9 +56,9 @@ impl Act {
 
     /// The next action. What was executed last is in the percept: a replay executes what was recorded, whatever is decided.
     pub fn step(&mut self, percept: &Percept) -> Decision {
-        let leg = self.behaviour.next(self.number, &percept.judged.in_goal, self.learned.is_some());
+        let leg = self.behaviour.next(self.number, &percept.outcomes.in_goal, self.learned.is_some());
         let (action, q_values, reflex) = match (leg, &self.learned) {
-            (Leg::Pursue(task), Some(learned)) => {
+            (Behaviour::Pursue(task), Some(learned)) => {
                 let values = learned.q_values(&percept.observation, task);
                 let (action, reflex) = self.reflexes.best(&values, percept.recent);
                 (action, Some(values), reflex)
@@ -78,15 +78,15 @@ impl Act {
 
 /// What was learned is not among its parts: it is installed again.
 impl Persist for Act {
-    fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
-        parts.inner("behaviour", &mut self.behaviour)?;
-        parts.inner("walk", &mut self.walk)?;
-        parts.value("number", &mut self.number)
+    fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
+        snapshot.inner("behaviour", &mut self.behaviour)?;
+        snapshot.inner("walk", &mut self.walk)?;
+        snapshot.value("number", &mut self.number)
     }
 }
 
 /// The state of the actor that acts.
-pub struct Acting {
+pub struct ActState {
     pub act: Act,
     pub actions: u64,
     pub learned: Option<Arc<Learned>>,
@@ -97,58 +97,58 @@ pub struct Acting {
     pub percept: Option<Percept>,
 }
 
-impl Acting {
+impl ActState {
     pub fn new(act: Act) -> Self {
         let (learned, without_model, percept) = (None, None, None);
-        Acting { act, actions: 0, learned, without_model, waiting: VecDeque::new(), percept }
+        ActState { act, actions: 0, learned, without_model, waiting: VecDeque::new(), percept }
     }
 }
 
-impl Persist for Acting {
-    fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
-        parts.inner("act", &mut self.act)?;
-        parts.value("actions", &mut self.actions)?;
-        parts.value("without_model", &mut self.without_model)?;
-        learned(parts, "learned", &mut self.learned)?;
-        if let Some(learned) = self.learned.clone().filter(|_| parts.is_restoring()) {
+impl Persist for ActState {
+    fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
+        snapshot.inner("act", &mut self.act)?;
+        snapshot.value("actions", &mut self.actions)?;
+        snapshot.value("without_model", &mut self.without_model)?;
+        learned(snapshot, "learned", &mut self.learned)?;
+        if let Some(learned) = self.learned.clone().filter(|_| snapshot.is_restoring()) {
             self.act.install(learned);
         }
         let mut count = self.waiting.len();
-        parts.value("waiting", &mut count)?;
-        if parts.is_restoring() {
+        snapshot.value("waiting", &mut count)?;
+        if snapshot.is_restoring() {
             self.waiting.clear();
         }
         for place in 0..count {
             let mut update = self.waiting.get_mut(place).and_then(|(_, update)| update.take());
-            parts.scope(&format!("waiting.{place}"), |parts| answer(parts, &mut update))?;
+            snapshot.scope(&format!("waiting.{place}"), |snapshot| answer(snapshot, &mut update))?;
             let asked_at = update.as_ref().map_or(0, |update| update.asked_at);
             match self.waiting.get_mut(place) {
                 Some(entry) => entry.1 = update,
                 None => self.waiting.push_back((asked_at, update)),
             }
         }
-        parts.scope("percept", |parts| percept(parts, &mut self.percept))
+        snapshot.scope("percept", |snapshot| percept(snapshot, &mut self.percept))
     }
 }
 
-fn percept(parts: &mut Parts, percept: &mut Option<Percept>) -> Result<(), PartsError> {
+fn percept(snapshot: &mut Snapshot, percept: &mut Option<Percept>) -> Result<(), SnapshotError> {
     let of = percept.as_ref();
     let (mut frame, mut stamp_ns) = of.map_or((0, 0), |p| (p.observation.frame, p.stamp_ns));
     let mut pixels = of.map_or(Vec::new(), |p| p.observation.pixels.clone());
     let mut sonar = of.map_or(Vec::new(), |p| p.sonar.clone());
     let mut action = of.and_then(|p| p.action).map(Action::index);
     let mut recent = recent_numbers(of.map_or(Recent::default(), |p| p.recent));
-    let mut came_to = of.map(CameTo::of);
-    parts.value("frame", &mut frame)?;
-    parts.value("stamp_ns", &mut stamp_ns)?;
-    parts.numbers("pixels", &mut pixels)?;
-    parts.numbers("sonar", &mut sonar)?;
-    parts.value("action", &mut action)?;
-    parts.value("recent", &mut recent)?;
-    parts.value("came_to", &mut came_to)?;
-    if parts.is_restoring() {
-        let action = action.map(|number| action_of(parts, number)).transpose()?;
-        let recent = recent_of(parts, recent)?;
+    let mut came_to = of.map(SavedOutcomes::of);
+    snapshot.value("frame", &mut frame)?;
+    snapshot.value("stamp_ns", &mut stamp_ns)?;
+    snapshot.numbers("pixels", &mut pixels)?;
+    snapshot.numbers("sonar", &mut sonar)?;
+    snapshot.value("action", &mut action)?;
+    snapshot.value("recent", &mut recent)?;
+    snapshot.value("came_to", &mut came_to)?;
+    if snapshot.is_restoring() {
+        let action = action.map(|number| action_of(snapshot, number)).transpose()?;
+        let recent = recent_of(snapshot, recent)?;
         *percept = came_to.map(|came_to| Percept {
             observation: Arc::new(Observation { frame, pixels }),
             stamp_ns,
@@ -156,16 +156,16 @@ fn percept(parts: &mut Parts, percept: &mut Option<Percept>) -> Result<(), Parts
             action,
             blocked: came_to.blocked,
             recent,
-            judged: came_to.judged(),
+            outcomes: came_to.outcomes(),
             asked: Vec::new(),
         });
-        parts.check("came_to", percept.is_some(), "nothing")?;
+        snapshot.check("came_to", percept.is_some(), "nothing")?;
     }
     Ok(())
 }
 
 /// An answer to a request, on its way.
-fn answer(parts: &mut Parts, update: &mut Option<Update>) -> Result<(), PartsError> {
+fn answer(snapshot: &mut Snapshot, update: &mut Option<Update>) -> Result<(), SnapshotError> {
     let mut asked_at = update.as_ref().map_or(0, |update| update.asked_at);
     let mut transitions = update.as_ref().map_or(0, |update| update.transitions);
     let mut reason = update.as_ref().and_then(|update| update.learned.as_ref().err().cloned());
@@ -173,14 +173,14 @@ fn answer(parts: &mut Parts, update: &mut Option<Update>) -> Result<(), PartsErr
         update.fits.iter().map(|fit| (fit.iterations, fit.converged, fit.cycle)).collect()
     });
     let mut model = update.as_ref().and_then(|update| update.learned.as_ref().ok().cloned());
-    parts.value("asked_at", &mut asked_at)?;
-    parts.value("transitions", &mut transitions)?;
-    parts.value("reason", &mut reason)?;
-    parts.value("fits", &mut fits)?;
-    learned(parts, "learned", &mut model)?;
-    if parts.is_restoring() {
+    snapshot.value("asked_at", &mut asked_at)?;
+    snapshot.value("transitions", &mut transitions)?;
+    snapshot.value("reason", &mut reason)?;
+    snapshot.value("fits", &mut fits)?;
+    learned(snapshot, "learned", &mut model)?;
+    if snapshot.is_restoring() {
         let weights = model.as_ref().map_or(Vec::new(), |learned| learned.weights.clone());
-        parts.check("fits", fits.len() == weights.len(), "another number than of policies")?;
+        snapshot.check("fits", fits.len() == weights.len(), "another number than of policies")?;
         let fits = weights.into_iter().zip(fits).map(|(weights, (iterations, converged, cycle))| Fit {
             weights,
             iterations,
@@ -190,7 +190,7 @@ fn answer(parts: &mut Parts, update: &mut Option<Update>) -> Result<(), PartsErr
         let learned = match (model, reason) {
             (Some(model), None) => Ok(model),
             (None, Some(reason)) => Err(reason),
-            _ => return parts.check("reason", false, "there is either a model or a reason"),
+            _ => return snapshot.check("reason", false, "there is either a model or a reason"),
         };
         *update = Some(Update { asked_at, learned, fits: fits.collect(), transitions });
     }
@@ -199,20 +199,20 @@ fn answer(parts: &mut Parts, update: &mut Option<Update>) -> Result<(), PartsErr
 
 /// What an action came to, with numbers as bits.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-struct CameTo {
+struct SavedOutcomes {
     blocked: bool,
     rewards: Vec<u64>,
     in_goal: Vec<bool>,
 }
 
-impl CameTo {
+impl SavedOutcomes {
     fn of(percept: &Percept) -> Self {
-        let Judged { rewards, in_goal } = percept.judged.clone();
-        CameTo { blocked: percept.blocked, rewards: rewards.into_iter().map(f64::to_bits).collect(), in_goal }
+        let TaskOutcomes { rewards, in_goal } = percept.outcomes.clone();
+        SavedOutcomes { blocked: percept.blocked, rewards: rewards.into_iter().map(f64::to_bits).collect(), in_goal }
     }
 
-    fn judged(self) -> Judged {
-        Judged { rewards: self.rewards.into_iter().map(f64::from_bits).collect(), in_goal: self.in_goal }
+    fn outcomes(self) -> TaskOutcomes {
+        TaskOutcomes { rewards: self.rewards.into_iter().map(f64::from_bits).collect(), in_goal: self.in_goal }
     }
 }
 
@@ -228,13 +228,13 @@ pub struct Acted {
 /// The act actor's surroundings.
 pub struct ActLoop<'a> {
     pub scenario: &'a Arc<Scenario>,
-    pub schedule: &'a Schedule,
+    pub timing: &'a ModelTiming,
     /// Actions after which the run ends.
     pub most_actions: u64,
     pub record: &'a Recorder,
     pub status: &'a Status,
-    pub quiet: &'a Quiet,
-    pub keep: Option<&'a Keep>,
+    pub quiescence: &'a Quiescence,
+    pub keep: Option<&'a SnapshotSettings>,
     pub stop: &'a AtomicBool,
     pub controls: Option<&'a Controls>,
     pub ended: &'a AtomicBool,
@@ -245,71 +245,71 @@ pub struct ActLoop<'a> {
 }
 
 /// What changes while the act actor runs.
-struct Helm {
-    acting: Acting,
+struct Progress {
+    acting: ActState,
     clock: Clock,
     /// Answers that have come in.
     answered: u64,
     /// Models until they are passed on; of a robot's, which waits for no trials, only the newest.
     to_evaluate: Vec<(Arc<Learned>, u64)>,
-    /// When the state of the run was last put away.
+    /// When the state of the run was last saved.
     kept: Instant,
 }
 
 impl ActLoop<'_> {
     /// Decide until the last action, then wait for the last model.
-    pub fn run(&self, acting: Acting, actions: Outbox<Item<Action>>) -> Result<Acted, RunError> {
+    pub fn run(&self, acting: ActState, actions: Outbox<Item<Action>>) -> Result<Acted, RunError> {
         let (clock, answered, to_evaluate, kept) = (Clock::new(), 0, Vec::new(), Instant::now());
-        let mut helm = Helm { acting, clock, answered, to_evaluate, kept };
+        let mut progress = Progress { acting, clock, answered, to_evaluate, kept };
         let realtime = self.scenario.agent.mode == Mode::Realtime;
         let mut last_frame = 0;
         // A run that goes on has the percept that is to be answered.
-        let first = helm.acting.percept.take();
+        let first = progress.acting.percept.take();
         let percepts = first.into_iter().chain(std::iter::from_fn(|| self.percepts.take().ok()));
         for percept in percepts {
             let frame = percept.observation.frame;
             last_frame = frame;
             self.pause(percept.stamp_ns);
-            helm.acting.waiting.extend(percept.asked.iter().map(|&asked_at| (asked_at, None)));
-            if self.bring_into_effect(&mut helm, frame, percept.stamp_ns).is_err() {
-                return Ok(helm.ended());
+            progress.acting.waiting.extend(percept.asked.iter().map(|&asked_at| (asked_at, None)));
+            if self.bring_into_effect(&mut progress, frame, percept.stamp_ns).is_err() {
+                return Ok(progress.ended());
             }
             // A robot does not wait until the models before this one were tried: it passes on the newest when it can.
             if !realtime || self.models.has_room() {
-                helm.pass_on(&self.models);
+                progress.pass_on(&self.models);
             }
-            let done = helm.acting.actions >= self.most_actions || self.ended.load(Ordering::Relaxed);
+            let done = progress.acting.actions >= self.most_actions || self.ended.load(Ordering::Relaxed);
             let stop = self.stop.load(Ordering::Relaxed);
             if self
                 .keep
-                .is_some_and(|keep| !done && (stop || keep.every.is_some_and(|every| helm.kept.elapsed() >= every)))
-                && self.put_away(&mut helm, &percept, &actions).is_err()
+                .is_some_and(|keep| !done && (stop || keep.every.is_some_and(|every| progress.kept.elapsed() >= every)))
+                && self.begin_snapshot(&mut progress, &percept, &actions).is_err()
             {
                 break;
             }
             if stop || done {
                 break;
             }
-            let decision = helm.clock.time(|| helm.acting.act.step(&percept));
-            helm.acting.actions += 1;
+            let decision = progress.clock.time(|| progress.acting.act.step(&percept));
+            progress.acting.actions += 1;
             let sent = self.record.decision(&decision, frame, percept.stamp_ns);
             if sent.is_err() || actions.put(Item::Work(decision.action)).is_err() {
                 break;
             }
-            self.tell(&mut helm);
+            self.tell(&mut progress);
         }
         // No more actions: the source ends, then perceive with its last request, and then the solvers.
         drop(actions);
         while self.percepts.take().is_ok() {}
-        let early: Vec<Update> = helm.acting.waiting.drain(..).filter_map(|(_, answer)| answer).collect();
+        let early: Vec<Update> = progress.acting.waiting.drain(..).filter_map(|(_, answer)| answer).collect();
         for update in early.into_iter().chain(std::iter::from_fn(|| self.updates.take().ok())) {
             // It would act from the frame after the last one.
-            let stamp_ns = self.status.snapshot().stamp_ns;
-            self.install(&mut helm, update, last_frame + 1, stamp_ns);
-            helm.pass_on(&self.models);
+            let stamp_ns = self.status.now().stamp_ns;
+            self.install(&mut progress, update, last_frame + 1, stamp_ns);
+            progress.pass_on(&self.models);
         }
-        helm.pass_on(&self.models);
-        Ok(helm.ended())
+        progress.pass_on(&self.models);
+        Ok(progress.ended())
     }
 
     /// While somebody wants a pause, decide nothing: between two actions a robot stands still.
@@ -325,96 +325,101 @@ impl ActLoop<'_> {
     }
 
     /// Let models act that are to act from this frame on.
-    fn bring_into_effect(&self, helm: &mut Helm, frame: u64, stamp_ns: u64) -> Result<(), Closed> {
+    fn bring_into_effect(&self, progress: &mut Progress, frame: u64, stamp_ns: u64) -> Result<(), Closed> {
         loop {
-            let fixed = |waiting: &mut (u64, Option<Update>)| self.schedule.effective(waiting.0) <= frame;
-            let update = match helm.acting.waiting.pop_front_if(fixed) {
+            let fixed = |waiting: &mut (u64, Option<Update>)| self.timing.effective(waiting.0) <= frame;
+            let update = match progress.acting.waiting.pop_front_if(fixed) {
                 Some((_, Some(answer))) => answer,
                 Some((_, None)) => {
-                    helm.answered += 1;
+                    progress.answered += 1;
                     self.updates.take()?
                 }
-                None if self.schedule.polls(frame) => {
+                None if self.timing.polls(frame) => {
                     let Some(update) = self.updates.poll()? else { return Ok(()) };
-                    helm.answered += 1;
-                    helm.acting.waiting.retain(|(asked_at, _)| *asked_at != update.asked_at);
+                    progress.answered += 1;
+                    progress.acting.waiting.retain(|(asked_at, _)| *asked_at != update.asked_at);
                     update
                 }
                 None => return Ok(()),
             };
-            self.install(helm, update, frame, stamp_ns);
+            self.install(progress, update, frame, stamp_ns);
         }
     }
 
-    /// Begin to put away the state of the run: between two actions, with no model being made. In lockstep that is waited for;
+    /// Begin to saved the state of the run: between two actions, with no model being made. In lockstep that is waited for;
     /// otherwise no more models are asked for until it is so.
-    fn put_away(&self, helm: &mut Helm, percept: &Percept, actions: &Outbox<Item<Action>>) -> Result<(), Closed> {
+    fn begin_snapshot(
+        &self,
+        progress: &mut Progress,
+        percept: &Percept,
+        actions: &Outbox<Item<Action>>,
+    ) -> Result<(), Closed> {
         if self.scenario.agent.mode == Mode::Lockstep {
-            for (_, answer) in helm.acting.waiting.iter_mut().filter(|(_, answer)| answer.is_none()) {
+            for (_, answer) in progress.acting.waiting.iter_mut().filter(|(_, answer)| answer.is_none()) {
                 *answer = Some(self.updates.take()?);
-                helm.answered += 1;
+                progress.answered += 1;
             }
         } else {
             // Perceive may be asking for a model at this very frame. By the next boundary it has seen that it must not.
-            let held = self.quiet.hold.swap(true, Ordering::Relaxed) || self.stop.load(Ordering::Relaxed);
-            if !held || self.quiet.requests.load(Ordering::Relaxed) != helm.answered {
+            let held = self.quiescence.hold.swap(true, Ordering::Relaxed) || self.stop.load(Ordering::Relaxed);
+            if !held || self.quiescence.requests.load(Ordering::Relaxed) != progress.answered {
                 return Ok(());
             }
             // Announced by a recording that ended before they acted.
-            helm.acting.waiting.clear();
+            progress.acting.waiting.clear();
         }
-        helm.kept = Instant::now();
-        helm.acting.percept = Some(Percept { asked: Vec::new(), ..percept.clone() });
-        let mut parts = Parts::new();
-        let put = parts.inner("acting", &mut helm.acting);
-        helm.acting.percept = None;
+        progress.kept = Instant::now();
+        progress.acting.percept = Some(Percept { asked: Vec::new(), ..percept.clone() });
+        let mut snapshot = Snapshot::new();
+        let put = snapshot.inner("acting", &mut progress.acting);
+        progress.acting.percept = None;
         if let Err(cause) = put {
-            let text = format!("the state of the run cannot be put away: {cause}");
+            let text = format!("the state of the run cannot be saved: {cause}");
             return self.record.diagnostic(Level::Warn, percept.stamp_ns, text);
         }
-        let (frame, stamp_ns, requests) = (percept.observation.frame, percept.stamp_ns, helm.answered);
-        actions.put(Item::Save(Box::new(Marker { parts, frame, stamp_ns, requests })))
+        let (frame, stamp_ns, requests) = (percept.observation.frame, percept.stamp_ns, progress.answered);
+        actions.put(Item::Save(Box::new(Marker { snapshot, frame, stamp_ns, requests })))
     }
 
-    fn tell(&self, helm: &mut Helm) {
-        let pursuits = helm.acting.act.tallies().iter().fold(Tally::default(), |sum, tally| Tally {
+    fn tell(&self, progress: &mut Progress) {
+        let pursuits = progress.acting.act.tallies().iter().fold(Tally::default(), |sum, tally| Tally {
             reached: sum.reached + tally.reached,
             ended: sum.ended + tally.ended,
         });
-        let p99 = helm.clock.p99_now_and_then();
+        let p99 = progress.clock.p99_now_and_then();
         self.status.update(|s| {
-            (s.actions, s.pursuits) = (helm.acting.actions as usize, pursuits);
+            (s.actions, s.pursuits) = (progress.acting.actions as usize, pursuits);
             s.act_p99_ms = p99.unwrap_or(s.act_p99_ms);
         });
     }
 
-    fn install(&self, helm: &mut Helm, update: Update, frame: u64, stamp_ns: u64) {
+    fn install(&self, progress: &mut Progress, update: Update, frame: u64, stamp_ns: u64) {
         match &update.learned {
             Ok(learned) => {
-                helm.acting.act.install(learned.clone());
-                helm.acting.learned = Some(learned.clone());
-                helm.acting.without_model = None;
+                progress.acting.act.install(learned.clone());
+                progress.acting.learned = Some(learned.clone());
+                progress.acting.without_model = None;
                 // A closed log ends the run at the next decision.
                 let _ = self.record.update(&update, learned, frame, stamp_ns);
                 let slowness = &learned.model.slowness;
                 let mean = slowness.iter().sum::<f64>() / slowness.len() as f64;
                 self.status.update(|s| (s.epoch, s.slowness_mean) = (learned.epoch, Some(mean)));
                 if self.scenario.agent.mode == Mode::Realtime {
-                    helm.to_evaluate.clear();
+                    progress.to_evaluate.clear();
                 }
-                helm.to_evaluate.push((learned.clone(), stamp_ns));
+                progress.to_evaluate.push((learned.clone(), stamp_ns));
             }
             Err(reason) => {
                 let text = format!("no model from the frames up to {}: {reason}", update.asked_at);
                 let _ = self.record.diagnostic(Level::Warn, stamp_ns, text.clone());
                 self.status.update(|s| s.without_model = Some(text.clone()));
-                helm.acting.without_model = Some(text);
+                progress.acting.without_model = Some(text);
             }
         }
     }
 }
 
-impl Helm {
+impl Progress {
     /// Pass on the models that wait; waits for room.
     fn pass_on(&mut self, models: &Outbox<(Arc<Learned>, u64)>) {
         for model in self.to_evaluate.drain(..) {
@@ -424,7 +429,7 @@ impl Helm {
     }
 
     fn ended(self) -> Acted {
-        let Acting { act, actions, learned, without_model, .. } = self.acting;
+        let ActState { act, actions, learned, without_model, .. } = self.acting;
         Acted { learned, without_model, actions, pursuits: act.tallies().to_vec(), clock: self.clock }
     }
 }

@@ -11,16 +11,16 @@ use faer::{Mat, Par};
 use rayon::prelude::*;
 
 use super::kernel_rows::KernelRows;
-use super::messages::{FitRequest, Item, Lived, Update};
+use super::messages::{FitRequest, Item, TaskTransition, Update};
 use super::record::{Level, Recorder};
 use crate::agent::runtime::clock::Clock;
 use crate::agent::runtime::queue::{Inbox, Outbox};
 use crate::agent::runtime::status::Status;
 use crate::gpu::Choice;
-use crate::parts::{Parts, PartsError, Persist};
 use crate::policy::{Learned, columns, points};
 use crate::scenario::{Method, Scenario, Task};
 use crate::slow::{SlowError, SlowModel};
+use crate::snapshot::{Persist, Snapshot, SnapshotError};
 use crate::value::{
     Fit, Instances, Local, LocalOptions, LocalOutcomes, Lspi, LspiOptions, Outcomes, Samples, ValueError, balance,
     greedy,
@@ -87,15 +87,15 @@ impl FitPolicies {
         &self,
         model: &SlowModel<f32>,
         projected: &Projection,
-        window: &[Lived],
+        window: &[TaskTransition],
     ) -> Result<(Arc<Instances>, Vec<Fit>), ValueError> {
         let settings = &self.scenario.value;
-        let mut sorted: Vec<&Lived> = window.iter().collect();
+        let mut sorted: Vec<&TaskTransition> = window.iter().collect();
         sorted.sort_by_key(|t| t.action);
         let actions = self.scenario.robot.actions();
         let counts = actions.iter().map(|a| sorted.iter().filter(|t| t.action == a.index()).count()).collect();
         let points = points(model, projected.phi.as_ref(), settings.metric_features);
-        let at = |place: &dyn Fn(&Lived) -> u64| {
+        let at = |place: &dyn Fn(&TaskTransition) -> u64| {
             let places: Vec<usize> = sorted.iter().map(|t| projected.place[&place(t)]).collect();
             Mat::from_fn(points.nrows(), places.len(), |i, j| points[(i, places[j])])
         };
@@ -113,7 +113,7 @@ impl FitPolicies {
     }
 
     /// Linear values, by least-squares policy iteration.
-    fn fit(&self, projected: &Projection, window: &[Lived]) -> Result<Vec<Fit>, ValueError> {
+    fn fit(&self, projected: &Projection, window: &[TaskTransition]) -> Result<Vec<Fit>, ValueError> {
         let settings = &self.scenario.value;
         let from: Vec<usize> = window.iter().map(|t| projected.place[&t.from.frame]).collect();
         let to: Vec<usize> = window.iter().map(|t| projected.place[&t.to.frame]).collect();
@@ -155,8 +155,8 @@ impl FitPolicies {
 }
 
 impl Persist for FitPolicies {
-    fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
-        parts.value("epoch", &mut self.epoch)
+    fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
+        snapshot.value("epoch", &mut self.epoch)
     }
 }
 
@@ -182,7 +182,7 @@ impl FitLoop<'_> {
                     if let Some(failed) = fit.kernel_values_by().and_then(|by| by.failed).filter(|_| reports) {
                         reports = false;
                         let text = format!("kernel values: {failed}; the processor goes on");
-                        let _ = self.record.diagnostic(Level::Warn, self.status.snapshot().stamp_ns, text);
+                        let _ = self.record.diagnostic(Level::Warn, self.status.now().stamp_ns, text);
                     }
                     self.updates.put(update)
                 }
@@ -210,7 +210,12 @@ struct Projection {
 }
 
 impl Projection {
-    fn new(model: &SlowModel<f32>, window: &[Lived], rows: &mut KernelRows, par: Par) -> Result<Self, SlowError> {
+    fn new(
+        model: &SlowModel<f32>,
+        window: &[TaskTransition],
+        rows: &mut KernelRows,
+        par: Par,
+    ) -> Result<Self, SlowError> {
         let unique: BTreeMap<u64, &Arc<Observation>> =
             window.iter().flat_map(|t| [&t.from, &t.to]).map(|seen| (seen.frame, seen)).collect();
         let place = unique.keys().enumerate().map(|(column, &frame)| (frame, column)).collect();

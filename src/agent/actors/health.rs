@@ -21,14 +21,14 @@ pub fn run(record: &Recorder, status: &Status, rendered_by: impl Fn() -> Option<
         if last.elapsed() < HEALTH_INTERVAL && !ends {
             continue;
         }
-        let now = status.snapshot();
+        let now = status.now();
         let rate = (now.frames - frames) as f64 / last.elapsed().as_secs_f64();
         (last, frames) = (Instant::now(), now.frames);
         // From about here on pictures are another renderer's.
         let failed = rendered_by().and_then(|by| by.failed).filter(|_| !told);
         if let Some(failed) = failed {
             told = true;
-            let text = format!("pictures: {failed}; the processor goes on");
+            let text = format!("images: {failed}; the processor goes on");
             let _ = record.diagnostic(Level::Warn, now.stamp_ns, text);
         }
         if record.health(&now, rate, resident_bytes().unwrap_or(0)).is_err() || ends {

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use crate::agent::runtime::marker::Marker;
 use crate::dictionary::Dictionary;
-use crate::policy::{Learned, Leg, Recent};
+use crate::policy::{Behaviour, Learned, Recent};
 use crate::robot::{Action, ActionValues};
 use crate::slow::{Moments, SlowModel};
 use crate::value::{Fit, Transition};
@@ -20,7 +20,7 @@ pub enum Item<T> {
 
 /// What an action came to for the tasks.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Judged {
+pub struct TaskOutcomes {
     /// Reward of each task.
     pub rewards: Vec<f64>,
     /// Whether the robot is in each task's goal area.
@@ -39,13 +39,13 @@ pub struct Percept {
     pub blocked: bool,
     /// What the reflexes are to know of the actions so far.
     pub recent: Recent,
-    pub judged: Judged,
+    pub outcomes: TaskOutcomes,
     /// Frames at which models were asked for since the percept before.
     pub asked: Vec<u64>,
 }
 
-/// A transition of the window, judged by where the goals are.
-pub type Lived = Transition<Arc<Observation>, Judged>;
+/// A transition of the window, outcomes by where the goals are.
+pub type TaskTransition = Transition<Arc<Observation>, TaskOutcomes>;
 
 /// From perceive to solve: everything that new policies are made of.
 pub struct SolveRequest {
@@ -55,7 +55,7 @@ pub struct SolveRequest {
     pub frames: u64,
     /// What new features are made of; without it the last ones stay, as where only a goal has moved.
     pub sums: Option<(Dictionary<f32>, Moments)>,
-    pub window: Vec<Lived>,
+    pub window: Vec<TaskTransition>,
     /// Where the goals are, by task.
     pub goals: Vec<[f64; 2]>,
 }
@@ -65,7 +65,7 @@ pub struct FitRequest {
     pub asked_at: u64,
     pub frames: u64,
     pub model: Result<SlowModel<f32>, String>,
-    pub window: Vec<Lived>,
+    pub window: Vec<TaskTransition>,
     /// Where the goals are, by task.
     pub goals: Vec<[f64; 2]>,
 }
@@ -89,7 +89,7 @@ pub struct Decision {
     /// The action.
     pub action: Action,
     /// What it is for.
-    pub leg: Leg,
+    pub leg: Behaviour,
     /// Epoch of the policy, 0 without one.
     pub epoch: u32,
     /// Q-values of the pursued task.

@@ -7,11 +7,11 @@ use faer::Mat;
 
 use super::messages::{Decision, Growth, Percept, SolveRequest, Update};
 use crate::agent::runtime::queue::{Closed, Inbox, Outbox};
-use crate::agent::runtime::status::Snapshot;
+use crate::agent::runtime::status::StatusValues;
 use crate::evaluate::TaskResult;
 use crate::log::messages as msg;
 use crate::log::{LogError, Message, RunLog, RunTotals, Topic, topics};
-use crate::policy::{Learned, Leg};
+use crate::policy::{Behaviour, Learned};
 use crate::robot::{Action, ActionSet, Pose};
 use crate::scenario::Scenario;
 use crate::source::{Frame, GoalMove};
@@ -140,7 +140,7 @@ impl Recorder {
         self.write(topics::FRAME, number, stamp, taken)
     }
 
-    /// Goals that moved with a frame.
+    /// Tasks that moved with a frame.
     pub fn goals(&self, moved: &[GoalMove], frame: u64, stamp_ns: u64) -> Result<(), Closed> {
         for &GoalMove { task, goal: [x, y] } in moved {
             let task = self.scenario.tasks[task].name.clone();
@@ -174,7 +174,7 @@ impl Recorder {
             action: action.index() as u8,
             blocked: percept.blocked,
             tasks: self.scenario.tasks.iter().map(|task| task.name.clone()).collect(),
-            rewards: percept.judged.rewards.clone(),
+            rewards: percept.outcomes.rewards.clone(),
         };
         self.write(topics::TRANSITION, percept.observation.frame, percept.stamp_ns, message)
     }
@@ -193,8 +193,8 @@ impl Recorder {
         };
         self.write(topics::COMMAND, frame, stamp_ns, command)?;
         let (behaviour, task) = match decision.leg {
-            Leg::Explore => (msg::Decision::EXPLORE, String::new()),
-            Leg::Pursue(task) => (msg::Decision::PURSUE, self.scenario.tasks[task].name.clone()),
+            Behaviour::Explore => (msg::Decision::EXPLORE, String::new()),
+            Behaviour::Pursue(task) => (msg::Decision::PURSUE, self.scenario.tasks[task].name.clone()),
         };
         let message = msg::Decision {
             header: msg::Header::new(stamp_ns, "base_link"),
@@ -304,7 +304,7 @@ impl Recorder {
     }
 
     /// How the run is doing.
-    pub fn health(&self, status: &Snapshot, frames_per_second: f64, rss_bytes: u64) -> Result<(), Closed> {
+    pub fn health(&self, status: &StatusValues, frames_per_second: f64, rss_bytes: u64) -> Result<(), Closed> {
         let message = msg::Health {
             header: msg::Header::new(status.stamp_ns, ""),
             frames: status.frames,

@@ -6,7 +6,7 @@ use super::messages::Item;
 use super::record::{Level, Recorder};
 use crate::agent::error::RunError;
 use crate::agent::runtime::checkpoint::write_state;
-use crate::agent::runtime::marker::Keep;
+use crate::agent::runtime::marker::SnapshotSettings;
 use crate::agent::runtime::queue::Inbox;
 use crate::scenario::Scenario;
 
@@ -14,18 +14,18 @@ use crate::scenario::Scenario;
 /// one could not be written, if so: what is in the log is not lost, and the run goes on.
 pub fn run(
     marks: &Inbox<Item<Infallible>>,
-    keep: Option<&Keep>,
+    keep: Option<&SnapshotSettings>,
     scenario: &Scenario,
     record: &Recorder,
 ) -> Result<Option<String>, RunError> {
     let mut failure = None;
-    while let Ok(Item::Save(mark)) = marks.take() {
+    while let Ok(Item::Save(marker)) = marks.take() {
         let Some(keep) = keep else { continue };
         if record.flush().is_err() {
             break;
         }
-        let (frame, stamp) = (mark.frame, mark.stamp_ns);
-        failure = write_state(&keep.path, *mark, scenario).err();
+        let (frame, stamp) = (marker.frame, marker.stamp_ns);
+        failure = write_state(&keep.path, *marker, scenario).err();
         if let Some(error) = &failure {
             let text = format!("the state after frame {frame} is not kept: {error}");
             let _ = record.diagnostic(Level::Warn, stamp, text);

@@ -6,35 +6,35 @@ use faer::Mat;
 use nalgebra::Point2;
 
 use crate::kernel::Kernel;
-use crate::parts::{Parts, PartsError};
 use crate::policy::{Learned, Recent};
 use crate::robot::{Action, MOST_ACTIONS};
 use crate::slow::{Link, SlowModel};
+use crate::snapshot::{Snapshot, SnapshotError};
 use crate::value::{Instances, LocalOptions};
 
 /// What was learned.
-pub fn learned(parts: &mut Parts, name: &str, learned: &mut Option<Arc<Learned>>) -> Result<(), PartsError> {
-    parts.scope(name, |parts| {
+pub fn learned(snapshot: &mut Snapshot, name: &str, learned: &mut Option<Arc<Learned>>) -> Result<(), SnapshotError> {
+    snapshot.scope(name, |snapshot| {
         let of = learned.as_ref();
         let mut numbers = of.map(|of| (of.epoch, of.asked_at, of.frames, of.weights.len()));
-        parts.value("there", &mut numbers)?;
+        snapshot.value("there", &mut numbers)?;
         let mut goals: Vec<[u64; 2]> =
             of.map_or(Vec::new(), |of| of.goals.iter().map(|goal| goal.map(f64::to_bits)).collect());
         let Some((epoch, asked_at, frames, tasks)) = numbers else { return Ok(()) };
-        parts.value("goals", &mut goals)?;
+        snapshot.value("goals", &mut goals)?;
         let mut model = of.map(|of| of.model.clone());
-        slow_model(parts, "model", &mut model)?;
+        slow_model(snapshot, "model", &mut model)?;
         let mut weights: Vec<Mat<f64>> = of.map_or(Vec::new(), |of| of.weights.clone());
         for task in 0..tasks {
             let mut of_task = weights.get(task).cloned().unwrap_or_else(Mat::new);
-            parts.matrix(&format!("weights.{task}"), &mut of_task, |rows, columns| (rows, columns))?;
-            if parts.is_restoring() {
+            snapshot.matrix(&format!("weights.{task}"), &mut of_task, |rows, columns| (rows, columns))?;
+            if snapshot.is_restoring() {
                 weights.push(of_task);
             }
         }
         let mut instances = of.and_then(|of| of.instances.clone());
-        places(parts, &mut instances)?;
-        if let Some(model) = model.filter(|_| parts.is_restoring()) {
+        places(snapshot, &mut instances)?;
+        if let Some(model) = model.filter(|_| snapshot.is_restoring()) {
             let restored = match instances {
                 None => Learned::new(epoch, asked_at, frames, model, weights),
                 Some(instances) => Learned::local(epoch, asked_at, frames, model, instances, weights),
@@ -50,15 +50,15 @@ pub fn learned(parts: &mut Parts, name: &str, learned: &mut Option<Arc<Learned>>
 }
 
 /// Where actions were tried, of local values.
-fn places(parts: &mut Parts, instances: &mut Option<Arc<Instances>>) -> Result<(), PartsError> {
-    parts.scope("instances", |parts| {
+fn places(snapshot: &mut Snapshot, instances: &mut Option<Arc<Instances>>) -> Result<(), SnapshotError> {
+    snapshot.scope("instances", |snapshot| {
         let of = instances.as_ref();
         let mut there = of.map(|of| (of.counts().to_vec(), of.options().neighbours, of.options().ridge.to_bits()));
-        parts.value("there", &mut there)?;
+        snapshot.value("there", &mut there)?;
         let Some((counts, neighbours, ridge)) = there else { return Ok(()) };
         let mut points = of.map_or(Mat::new(), |of| of.points().to_owned());
-        parts.matrix("points", &mut points, |rows, columns| (rows, columns))?;
-        if parts.is_restoring() {
+        snapshot.matrix("points", &mut points, |rows, columns| (rows, columns))?;
+        if snapshot.is_restoring() {
             let options = LocalOptions { neighbours, ridge: f64::from_bits(ridge) };
             *instances =
                 Some(Arc::new(Instances::new(points, counts, options).map_err(|cause| wrong("instances", cause))?));
@@ -68,12 +68,16 @@ fn places(parts: &mut Parts, instances: &mut Option<Arc<Instances>>) -> Result<(
 }
 
 /// A model over a radial kernel, as a scenario's are.
-pub fn slow_model(parts: &mut Parts, name: &str, model: &mut Option<SlowModel<f32>>) -> Result<(), PartsError> {
-    parts.scope(name, |parts| {
+pub fn slow_model(
+    snapshot: &mut Snapshot,
+    name: &str,
+    model: &mut Option<SlowModel<f32>>,
+) -> Result<(), SnapshotError> {
+    snapshot.scope(name, |snapshot| {
         let room = |rows: usize, columns: usize| (rows, columns);
         let of = model.as_ref();
         let mut there = of.is_some();
-        parts.value("there", &mut there)?;
+        snapshot.value("there", &mut there)?;
         if !there {
             return Ok(());
         }
@@ -83,13 +87,13 @@ pub fn slow_model(parts: &mut Parts, name: &str, model: &mut Option<SlowModel<f3
         let mut projection = of.map_or(Mat::new(), |of| of.projection.clone());
         let mut offset = of.map_or(Vec::new(), |of| of.offset.clone());
         let mut slowness = of.map_or(Vec::new(), |of| of.slowness.clone());
-        parts.number("sigma", &mut sigma)?;
-        parts.number("exponent", &mut exponent)?;
-        parts.matrix("members", &mut members, room)?;
-        parts.matrix("projection", &mut projection, room)?;
-        parts.numbers("offset", &mut offset)?;
-        parts.numbers("slowness", &mut slowness)?;
-        if parts.is_restoring() {
+        snapshot.number("sigma", &mut sigma)?;
+        snapshot.number("exponent", &mut exponent)?;
+        snapshot.matrix("members", &mut members, room)?;
+        snapshot.matrix("projection", &mut projection, room)?;
+        snapshot.numbers("offset", &mut offset)?;
+        snapshot.numbers("slowness", &mut slowness)?;
+        if snapshot.is_restoring() {
             let kernel = Kernel::radial(sigma, exponent).map_err(|cause| wrong("kernel", cause))?;
             let restored = SlowModel::from_parts(kernel, members, projection, offset, slowness);
             *model = Some(restored.map_err(|cause| wrong("model", cause))?);
@@ -119,9 +123,9 @@ pub fn place_of(bits: [u64; 2]) -> Point2<f64> {
 }
 
 /// An action from its number.
-pub fn action_of(parts: &Parts, number: usize) -> Result<Action, PartsError> {
+pub fn action_of(snapshot: &Snapshot, number: usize) -> Result<Action, SnapshotError> {
     let action = Action::first(MOST_ACTIONS).nth(number);
-    parts.check("action", action.is_some(), "no action has this number")?;
+    snapshot.check("action", action.is_some(), "no action has this number")?;
     Ok(action.unwrap_or(Action::FORWARD))
 }
 
@@ -131,11 +135,11 @@ pub fn recent_numbers(recent: Recent) -> [Option<usize>; 2] {
 }
 
 /// What the robot did last, from the numbers of actions.
-pub fn recent_of(parts: &Parts, [action, blocked]: [Option<usize>; 2]) -> Result<Recent, PartsError> {
-    let of = |number: Option<usize>| number.map(|number| action_of(parts, number)).transpose();
+pub fn recent_of(snapshot: &Snapshot, [action, blocked]: [Option<usize>; 2]) -> Result<Recent, SnapshotError> {
+    let of = |number: Option<usize>| number.map(|number| action_of(snapshot, number)).transpose();
     Ok(Recent { action: of(action)?, blocked: of(blocked)? })
 }
 
-pub fn wrong(name: &str, cause: impl std::fmt::Display) -> PartsError {
-    PartsError::Wrong { name: name.to_owned(), cause: cause.to_string() }
+pub fn wrong(name: &str, cause: impl std::fmt::Display) -> SnapshotError {
+    SnapshotError::Wrong { name: name.to_owned(), cause: cause.to_string() }
 }

@@ -7,9 +7,9 @@ use super::saved::slow_model;
 use crate::agent::runtime::clock::Clock;
 use crate::agent::runtime::queue::{Inbox, Outbox};
 use crate::dictionary::Dictionary;
-use crate::parts::{Parts, PartsError, Persist};
 use crate::scenario;
 use crate::slow::{Moments, SlowError, SlowFeatures, SlowModel, SolveOptions, Solver, solve_with};
+use crate::snapshot::{Persist, Snapshot, SnapshotError};
 
 /// The solver; it keeps its last solution to align the next one with.
 pub struct Solve {
@@ -92,26 +92,26 @@ impl Solved {
 }
 
 impl Persist for Solve {
-    fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
+    fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
         let room = |rows: usize, columns: usize| (rows, columns);
         let of = self.previous.as_ref();
         let mut serials = of.map(|of| of.serials.clone());
-        parts.value("serials", &mut serials)?;
+        snapshot.value("serials", &mut serials)?;
         let Some(serials) = serials else { return Ok(()) };
         let mut weights = of.map_or(Mat::new(), |of| of.features.weights.clone());
         let mut mean = of.map_or(Mat::new(), |of| of.features.mean.clone());
         let mut slowness = of.map_or(Vec::new(), |of| of.features.slowness.clone());
         let mut lambda = of.map_or(0.0, |of| of.features.lambda);
         let mut model = of.map(|of| of.model.clone());
-        parts.matrix("weights", &mut weights, room)?;
-        parts.matrix("mean", &mut mean, room)?;
-        parts.numbers("slowness", &mut slowness)?;
-        parts.number("lambda", &mut lambda)?;
-        slow_model(parts, "model", &mut model)?;
-        if parts.is_restoring() {
+        snapshot.matrix("weights", &mut weights, room)?;
+        snapshot.matrix("mean", &mut mean, room)?;
+        snapshot.numbers("slowness", &mut slowness)?;
+        snapshot.number("lambda", &mut lambda)?;
+        slow_model(snapshot, "model", &mut model)?;
+        if snapshot.is_restoring() {
             let fits = weights.nrows() == serials.len() && mean.nrows() == serials.len();
-            parts.check("weights", fits, "another number of rows than of support vectors")?;
-            let Some(model) = model else { return parts.check("model", false, "there is none") };
+            snapshot.check("weights", fits, "another number of rows than of support vectors")?;
+            let Some(model) = model else { return snapshot.check("model", false, "there is none") };
             // How the earlier solution was found is of no use to the next one.
             let solver = Solver::Lanczos { applied: 0, residual: 0.0 };
             let features = SlowFeatures { weights, mean, slowness, lambda, solver };

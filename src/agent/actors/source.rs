@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use super::messages::Item;
 use crate::agent::runtime::controls::Controls;
-use crate::agent::runtime::marker::Quiet;
+use crate::agent::runtime::marker::Quiescence;
 use crate::agent::runtime::queue::{Inbox, Outbox};
 use crate::agent::runtime::status::Status;
 use crate::robot::Action;
@@ -22,7 +22,7 @@ pub struct SourceLoop<'a> {
     pub drop_from: Option<Inbox<Item<Frame>>>,
     /// The source stands behind a frame that was given already: the run goes on.
     pub goes_on: bool,
-    pub quiet: &'a Quiet,
+    pub quiescence: &'a Quiescence,
     /// Times real time at which frames come; `None`: as fast as they are taken.
     pub speed: Option<f64>,
     pub controls: Option<&'a Controls>,
@@ -65,13 +65,13 @@ impl SourceLoop<'_> {
         while let Ok(order) = self.actions.take() {
             let action = match order {
                 Item::Work(action) => action,
-                Item::Save(mut mark) => {
-                    if mark.parts.scope("source", |parts| source.persist(parts)).is_err() {
-                        // A robot cannot be put away; its runs go on from their logs.
-                        self.quiet.hold.store(false, Ordering::Relaxed);
+                Item::Save(mut marker) => {
+                    if marker.snapshot.scope("source", |snapshot| source.persist(snapshot)).is_err() {
+                        // A robot cannot be saved; its runs go on from their logs.
+                        self.quiescence.hold.store(false, Ordering::Relaxed);
                         continue;
                     }
-                    if self.frames.put(Item::Save(mark)).is_err() {
+                    if self.frames.put(Item::Save(marker)).is_err() {
                         return;
                     }
                     self.wait_until_taken();

@@ -4,14 +4,14 @@ use std::sync::Arc;
 
 use nalgebra::Point2;
 
-use super::messages::Judged;
+use super::messages::TaskOutcomes;
 use super::saved::wrong;
-use crate::parts::{Parts, PartsError, Persist};
 use crate::scenario::{Happens, Plan, Scenario, Task, in_goal};
+use crate::snapshot::{Persist, Snapshot, SnapshotError};
 use crate::source::GoalMove;
 
 /// The tasks of a run, with their goals where they are now.
-pub struct Goals {
+pub struct Tasks {
     plan: Arc<Plan>,
     tasks: Vec<Task>,
     /// What the scenario moves from which frame on, in order; the first `done` of them are where they shall be.
@@ -19,10 +19,10 @@ pub struct Goals {
     done: usize,
 }
 
-impl Goals {
+impl Tasks {
     /// The tasks of a scenario as they are at first.
     pub fn new(scenario: &Scenario, plan: Arc<Plan>) -> Self {
-        Goals { plan, tasks: scenario.tasks.clone(), script: script(scenario), done: 0 }
+        Tasks { plan, tasks: scenario.tasks.clone(), script: script(scenario), done: 0 }
     }
 
     /// Move goals as the scenario has it up to a frame, and then as somebody wished. Returns what did move.
@@ -45,8 +45,8 @@ impl Goals {
     }
 
     /// What an action that ended at a place, as the ceiling camera sees it, is worth to the tasks as they are now.
-    pub fn judge(&self, place: Point2<f64>) -> Judged {
-        Judged {
+    pub fn outcomes_at(&self, place: Point2<f64>) -> TaskOutcomes {
+        TaskOutcomes {
             rewards: self.tasks.iter().map(|task| self.plan.reward(task, place)).collect(),
             in_goal: self.tasks.iter().map(|task| in_goal(task, place)).collect(),
         }
@@ -58,7 +58,7 @@ impl Goals {
     }
 }
 
-/// The goals that a scenario moves, each with the first frame that is judged by it.
+/// The goals that a scenario moves, each with the first frame that is outcomes by it.
 fn script(scenario: &Scenario) -> Vec<(u64, GoalMove)> {
     let moves = scenario.changes.iter().filter_map(|change| match change.what {
         Happens::Goal { task, goal } => Some((change.first_frame(&scenario.robot), GoalMove { task, goal })),
@@ -69,11 +69,11 @@ fn script(scenario: &Scenario) -> Vec<(u64, GoalMove)> {
     script
 }
 
-impl Persist for Goals {
-    fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
+impl Persist for Tasks {
+    fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
         let mut goals: Vec<[u64; 2]> = self.tasks.iter().map(|task| task.goal.map(f64::to_bits)).collect();
-        parts.value("goals", &mut goals)?;
-        parts.value("done", &mut self.done)?;
+        snapshot.value("goals", &mut goals)?;
+        snapshot.value("done", &mut self.done)?;
         if goals.len() != self.tasks.len() || self.done > self.script.len() {
             return Err(wrong("goals", "they are those of other tasks"));
         }

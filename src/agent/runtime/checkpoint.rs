@@ -19,10 +19,10 @@ use thiserror::Error;
 
 use super::marker::Marker;
 use crate::kernel::Kernel;
-use crate::parts::{Matrix, Parts, Values};
 use crate::policy::Learned;
 use crate::scenario::{Scenario, ScenarioError, hex};
 use crate::slow::SlowModel;
+use crate::snapshot::{Matrix, Snapshot, Values};
 use crate::value::{Instances, LocalOptions};
 
 /// Name of the newest checkpoint in a run folder, and of the attachment in a log.
@@ -201,7 +201,7 @@ pub fn read_checkpoint(bytes: &[u8], path: &Path) -> Result<(Learned, Scenario),
     let model = SlowModel::from_parts(kernel, members, projection, offset, slowness).map_err(damaged)?;
     let epoch = u32::try_from(number("epoch")?).map_err(damaged)?;
     let (asked_at, frames) = (number("asked_at")?, number("frames")?);
-    // Goals do not move in the checkpoints of earlier versions.
+    // Tasks do not move in the checkpoints of earlier versions.
     let goals = metadata.get("goals").map(|text| serde_json::from_str::<Vec<[f64; 2]>>(text));
     let goals = goals.transpose().map_err(|e| damaged(format!("goals: {e}")))?.unwrap_or_default();
     if !goals.is_empty() && goals.len() != scenario.tasks.len() {
@@ -223,9 +223,9 @@ pub const STATE_NAME: &str = "state.safetensors";
 
 /// The state of a run at one moment, as it was kept.
 #[derive(Debug)]
-pub struct KeptState {
+pub struct SavedState {
     /// What the actors were.
-    pub parts: Parts,
+    pub snapshot: Snapshot,
     /// The last frame before the moment.
     pub frame: u64,
     /// Its time, nanoseconds.
@@ -308,10 +308,10 @@ fn state_digest(head: &StateHead, matrices: &BTreeMap<String, Matrix>) -> String
 ///
 /// # Errors
 /// The file system refused.
-pub fn write_state(path: &Path, mark: Marker, scenario: &Scenario) -> Result<(), CheckpointError> {
-    let Parts { matrices, texts, .. } = mark.parts;
+pub fn write_state(path: &Path, marker: Marker, scenario: &Scenario) -> Result<(), CheckpointError> {
+    let Snapshot { matrices, texts, .. } = marker.snapshot;
     let version = env!("CARGO_PKG_VERSION").to_owned();
-    let (scenario_sha256, frame, stamp_ns) = (scenario.sha256(), mark.frame, mark.stamp_ns);
+    let (scenario_sha256, frame, stamp_ns) = (scenario.sha256(), marker.frame, marker.stamp_ns);
     let mut head = StateHead { version, scenario_sha256, frame, stamp_ns, texts, digest: String::new() };
     head.digest = state_digest(&head, &matrices);
     let head = serde_json::to_string(&head).map_err(damaged)?;
@@ -331,7 +331,7 @@ pub fn write_state(path: &Path, mark: Marker, scenario: &Scenario) -> Result<(),
 ///
 /// # Errors
 /// The bytes are no whole state, or that of another scenario or version.
-pub fn read_state(bytes: &[u8], scenario: &Scenario) -> Result<KeptState, CheckpointError> {
+pub fn read_state(bytes: &[u8], scenario: &Scenario) -> Result<SavedState, CheckpointError> {
     let (_, header) = SafeTensors::read_metadata(bytes).map_err(damaged)?;
     let text = header.metadata().as_ref().and_then(|entries| entries.get(METADATA));
     let text = text.ok_or_else(|| damaged(format!("its metadata {METADATA} is missing")))?;
@@ -358,7 +358,7 @@ pub fn read_state(bytes: &[u8], scenario: &Scenario) -> Result<KeptState, Checkp
         return Err(damaged("its digest is not that of its content"));
     }
     let StateHead { frame, stamp_ns, texts, .. } = head;
-    Ok(KeptState { parts: Parts::restoring(matrices, texts), frame, stamp_ns })
+    Ok(SavedState { snapshot: Snapshot::restoring(matrices, texts), frame, stamp_ns })
 }
 
 /// A matrix column by column is its transpose row by row.

@@ -1,4 +1,4 @@
-//! Actors that take turns: only one of them runs at a time, and a seeded generator says which.
+//! Actors that take interleaving: only one of them runs at a time, and a seeded generator says which.
 //!
 //! The threads of a run wait for each other in their queues alone, so every order in which they can do things is an order of
 //! queue operations. Here each operation is a point where another actor may go first. A seed gives the same order every time,
@@ -40,7 +40,7 @@ struct State {
 }
 
 /// Whose turn it is.
-pub struct Turns {
+pub struct Interleaving {
     state: Mutex<State>,
 }
 
@@ -59,12 +59,12 @@ const LAST: &str = "log";
 /// Time between looks of a thread that is no actor.
 const LOOK: Duration = Duration::from_micros(50);
 
-impl Turns {
-    /// Turns in the order of a seed.
+impl Interleaving {
+    /// Interleaving in the order of a seed.
     #[cfg(test)]
     pub fn new(random: ChaCha8Rng) -> Arc<Self> {
         let state = State { random, actors: Vec::new(), turn: None, begun: false, deadlock: None };
-        Arc::new(Turns { state: Mutex::new(state) })
+        Arc::new(Interleaving { state: Mutex::new(state) })
     }
 
     /// A new actor, before its thread is started.
@@ -100,7 +100,7 @@ impl Turns {
             // A thread outside waits in its own time.
             loop {
                 if let Some(done) = operation() {
-                    self.stir();
+                    self.notify();
                     return done;
                 }
                 std::thread::sleep(LOOK);
@@ -109,7 +109,7 @@ impl Turns {
         self.pause();
         loop {
             if let Some(done) = operation() {
-                self.stir();
+                self.notify();
                 return done;
             }
             {
@@ -134,7 +134,7 @@ impl Turns {
     }
 
     /// Something has happened: whoever waits may look again.
-    pub fn stir(&self) {
+    pub fn notify(&self) {
         let mut state = self.lock();
         state
             .actors
@@ -202,7 +202,7 @@ impl State {
 }
 
 /// An actor's presence.
-pub struct Entered(Arc<Turns>);
+pub struct Entered(Arc<Interleaving>);
 
 impl Drop for Entered {
     fn drop(&mut self) {
@@ -215,18 +215,18 @@ impl Drop for Entered {
         }
         drop(state);
         // Its ends of queues are gone, too.
-        self.0.stir();
+        self.0.notify();
     }
 }
 
 /// Says that something has happened when it is dropped: to stand behind the end of a queue.
 #[derive(Clone, Default)]
-pub struct StirWhenDropped(pub Option<Arc<Turns>>);
+pub struct NotifyWhenDropped(pub Option<Arc<Interleaving>>);
 
-impl Drop for StirWhenDropped {
+impl Drop for NotifyWhenDropped {
     fn drop(&mut self) {
-        if let Some(turns) = &self.0 {
-            turns.stir();
+        if let Some(interleaving) = &self.0 {
+            interleaving.notify();
         }
     }
 }

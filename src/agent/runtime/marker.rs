@@ -8,11 +8,11 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64};
 use std::time::Duration;
 
-use crate::parts::{Parts, Persist};
+use crate::snapshot::{Persist, Snapshot};
 
-/// Where and when the state of a run is put away.
+/// Where and when the state of a run is saved.
 #[derive(Debug, Clone)]
-pub struct Keep {
+pub struct SnapshotSettings {
     /// The file.
     pub path: PathBuf,
     /// Time between two states; `None`: only when the run is interrupted.
@@ -23,7 +23,7 @@ pub struct Keep {
 #[derive(Debug)]
 pub struct Marker {
     /// What was added so far.
-    pub parts: Parts,
+    pub snapshot: Snapshot,
     /// The last frame before the moment.
     pub frame: u64,
     /// Its time.
@@ -33,16 +33,16 @@ pub struct Marker {
 }
 
 impl Marker {
-    /// With the state of one more actor; nothing if that cannot be put away.
+    /// With the state of one more actor; nothing if that cannot be saved.
     pub fn with(mut self: Box<Self>, name: &str, actor: &mut impl Persist) -> Option<Box<Self>> {
-        self.parts.inner(name, actor).is_ok().then_some(self)
+        self.snapshot.inner(name, actor).is_ok().then_some(self)
     }
 }
 
-/// How quiet the solvers are, between the actor that asks for models and the one that acts on them.
+/// How quiescence the solvers are, between the actor that asks for models and the one that acts on them.
 #[derive(Default)]
-pub struct Quiet {
-    /// No models are to be asked for, where that is not fixed: the state of the run is to be put away.
+pub struct Quiescence {
+    /// No models are to be asked for, where that is not fixed: the state of the run is to be saved.
     pub hold: AtomicBool,
     /// Models asked for so far.
     pub requests: AtomicU64,

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, TryRecvError, TrySendError, bounded};
 
-use super::interleaving::{StirWhenDropped, Turns};
+use super::interleaving::{Interleaving, NotifyWhenDropped};
 
 /// The depth of a queue, for those who watch.
 #[derive(Debug, Clone)]
@@ -30,7 +30,7 @@ pub struct Outbox<T> {
     sender: Sender<T>,
     depth: Arc<AtomicUsize>,
     /// Behind the sender: that is gone by then.
-    turns: StirWhenDropped,
+    interleaving: NotifyWhenDropped,
 }
 
 /// The end of a queue from which messages are taken.
@@ -38,31 +38,39 @@ pub struct Inbox<T> {
     receiver: Receiver<T>,
     depth: Arc<AtomicUsize>,
     /// Behind the receiver: that is gone by then.
-    turns: StirWhenDropped,
+    interleaving: NotifyWhenDropped,
 }
 
 /// The other end of a queue is gone: there is nothing left to do for this one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Closed;
 
-/// A queue for at most `capacity` messages; `turns`: the actors that use it take turns.
-pub fn queue<T>(name: &'static str, capacity: usize, turns: Option<&Arc<Turns>>) -> (Outbox<T>, Inbox<T>, Gauge) {
+/// A queue for at most `capacity` messages; `interleaving`: the actors that use it take interleaving.
+pub fn queue<T>(
+    name: &'static str,
+    capacity: usize,
+    interleaving: Option<&Arc<Interleaving>>,
+) -> (Outbox<T>, Inbox<T>, Gauge) {
     let (sender, receiver) = bounded(capacity);
     let depth = Arc::new(AtomicUsize::new(0));
     let gauge = Gauge { name, capacity, depth: depth.clone() };
-    let turns = StirWhenDropped(turns.cloned());
-    (Outbox { sender, depth: depth.clone(), turns: turns.clone() }, Inbox { receiver, depth, turns }, gauge)
+    let interleaving = NotifyWhenDropped(interleaving.cloned());
+    (
+        Outbox { sender, depth: depth.clone(), interleaving: interleaving.clone() },
+        Inbox { receiver, depth, interleaving },
+        gauge,
+    )
 }
 
 impl<T> Clone for Outbox<T> {
     fn clone(&self) -> Self {
-        Outbox { sender: self.sender.clone(), depth: self.depth.clone(), turns: self.turns.clone() }
+        Outbox { sender: self.sender.clone(), depth: self.depth.clone(), interleaving: self.interleaving.clone() }
     }
 }
 
 impl<T> Clone for Inbox<T> {
     fn clone(&self) -> Self {
-        Inbox { receiver: self.receiver.clone(), depth: self.depth.clone(), turns: self.turns.clone() }
+        Inbox { receiver: self.receiver.clone(), depth: self.depth.clone(), interleaving: self.interleaving.clone() }
     }
 }
 
@@ -76,14 +84,14 @@ impl<T> Outbox<T> {
     /// this side then holds a share: it does not notice any more that the other one has gone. How many went.
     pub fn put_newest(&self, message: T, taker: &Inbox<T>) -> u64 {
         let (mut message, mut dropped) = (message, 0);
-        if let Some(turns) = &self.turns.0 {
-            turns.pause();
+        if let Some(interleaving) = &self.interleaving.0 {
+            interleaving.pause();
         }
         self.depth.fetch_add(1, Ordering::Relaxed);
         loop {
             match self.sender.try_send(message) {
                 Ok(()) => {
-                    self.turns.0.iter().for_each(|turns| turns.stir());
+                    self.interleaving.0.iter().for_each(|interleaving| interleaving.notify());
                     return dropped;
                 }
                 Err(TrySendError::Full(back)) => message = back,
@@ -98,9 +106,9 @@ impl<T> Outbox<T> {
     /// Put a message in, waiting for room.
     pub fn put(&self, message: T) -> Result<(), Closed> {
         self.depth.fetch_add(1, Ordering::Relaxed);
-        let Some(turns) = &self.turns.0 else { return self.sender.send(message).map_err(|_| Closed) };
+        let Some(interleaving) = &self.interleaving.0 else { return self.sender.send(message).map_err(|_| Closed) };
         let mut waiting = Some(message);
-        turns.attempt(|| match self.sender.try_send(waiting.take()?) {
+        interleaving.attempt(|| match self.sender.try_send(waiting.take()?) {
             Ok(()) => Some(Ok(())),
             Err(TrySendError::Disconnected(_)) => Some(Err(Closed)),
             Err(TrySendError::Full(back)) => {
@@ -112,7 +120,7 @@ impl<T> Outbox<T> {
 
     /// A queue for one message, between the same actors.
     pub fn reply<R>(&self) -> (Outbox<R>, Inbox<R>) {
-        let (outbox, inbox, _) = queue("reply", 1, self.turns.0.as_ref());
+        let (outbox, inbox, _) = queue("reply", 1, self.interleaving.0.as_ref());
         (outbox, inbox)
     }
 }
@@ -125,8 +133,8 @@ impl<T> Inbox<T> {
 
     /// Wait until the queue is empty, no longer than `limit`.
     pub fn wait_until_empty(&self, limit: Duration) {
-        if let Some(turns) = &self.turns.0 {
-            return turns.attempt(|| self.is_empty().then_some(()));
+        if let Some(interleaving) = &self.interleaving.0 {
+            return interleaving.attempt(|| self.is_empty().then_some(()));
         }
         let begin = Instant::now();
         while !self.is_empty() && begin.elapsed() < limit {
@@ -136,8 +144,10 @@ impl<T> Inbox<T> {
 
     /// Take the next message, waiting for it.
     pub fn take(&self) -> Result<T, Closed> {
-        let Some(turns) = &self.turns.0 else { return self.counted(self.receiver.recv().map_err(|_| Closed)) };
-        self.counted(turns.attempt(|| match self.receiver.try_recv() {
+        let Some(interleaving) = &self.interleaving.0 else {
+            return self.counted(self.receiver.recv().map_err(|_| Closed));
+        };
+        self.counted(interleaving.attempt(|| match self.receiver.try_recv() {
             Ok(message) => Some(Ok(message)),
             Err(TryRecvError::Disconnected) => Some(Err(Closed)),
             Err(TryRecvError::Empty) => None,
@@ -146,14 +156,14 @@ impl<T> Inbox<T> {
 
     /// Take the next message if there is one.
     pub fn poll(&self) -> Result<Option<T>, Closed> {
-        if let Some(turns) = &self.turns.0 {
-            turns.pause();
+        if let Some(interleaving) = &self.interleaving.0 {
+            interleaving.pause();
         }
         match self.receiver.try_recv() {
             Ok(message) => {
                 let taken = self.counted(Ok(message)).map(Some);
                 // There is room now.
-                self.turns.0.iter().for_each(|turns| turns.stir());
+                self.interleaving.0.iter().for_each(|interleaving| interleaving.notify());
                 taken
             }
             Err(TryRecvError::Empty) => Ok(None),
@@ -161,9 +171,9 @@ impl<T> Inbox<T> {
         }
     }
 
-    /// Take the next message, waiting for it no longer than `limit`; where actors take turns, there is no time.
+    /// Take the next message, waiting for it no longer than `limit`; where actors take interleaving, there is no time.
     pub fn take_within(&self, limit: Duration) -> Result<Option<T>, Closed> {
-        if self.turns.0.is_some() {
+        if self.interleaving.0.is_some() {
             return self.take().map(Some);
         }
         match self.receiver.recv_timeout(limit) {

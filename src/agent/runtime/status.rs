@@ -7,7 +7,7 @@ use crate::policy::Tally;
 
 /// A view of a run at one moment.
 #[derive(Debug, Clone, Default)]
-pub struct Snapshot {
+pub struct StatusValues {
     /// Frames seen.
     pub frames: u64,
     /// Actions decided.
@@ -41,19 +41,19 @@ pub struct Snapshot {
 /// Shared between the actors, which write it, and whoever watches.
 #[derive(Default)]
 pub struct Status {
-    inner: Mutex<Snapshot>,
+    inner: Mutex<StatusValues>,
     gauges: Mutex<Vec<Gauge>>,
 }
 
 impl Status {
     /// A view of now.
-    pub fn snapshot(&self) -> Snapshot {
+    pub fn now(&self) -> StatusValues {
         let mut snapshot = lock(&self.inner).clone();
         snapshot.queues = lock(&self.gauges).iter().map(|gauge| (gauge.name, gauge.depth(), gauge.capacity)).collect();
         snapshot
     }
 
-    pub(in crate::agent) fn update(&self, change: impl FnOnce(&mut Snapshot)) {
+    pub(in crate::agent) fn update(&self, change: impl FnOnce(&mut StatusValues)) {
         change(&mut lock(&self.inner));
     }
 

@@ -6,7 +6,7 @@ use std::thread::{Builder, Scope, ScopedJoinHandle};
 
 use faer::Par;
 
-use super::interleaving::Turns;
+use super::interleaving::Interleaving;
 use crate::agent::error::RunError;
 use crate::scenario;
 
@@ -16,16 +16,16 @@ pub fn parallelism(settings: &scenario::Agent) -> Par {
 }
 
 /// Starts actors; the first error of any of them is kept.
-pub struct Crew<'scope, 'env> {
+pub struct Threads<'scope, 'env> {
     pub scope: &'scope Scope<'scope, 'env>,
     pub failed: &'scope Mutex<Option<RunError>>,
     /// Set with the first error, so that the run ends at the next decision.
     pub ended: &'scope AtomicBool,
-    /// The actors take turns.
-    pub turns: Option<&'env Arc<Turns>>,
+    /// The actors take interleaving.
+    pub interleaving: Option<&'env Arc<Interleaving>>,
 }
 
-impl<'scope> Crew<'scope, '_> {
+impl<'scope> Threads<'scope, '_> {
     /// Start an actor on a thread of its name; joining it gives what it returned, if it did not fail.
     pub fn start<R: Send + 'scope>(
         &self,
@@ -33,9 +33,9 @@ impl<'scope> Crew<'scope, '_> {
         work: impl FnOnce() -> Result<R, RunError> + Send + 'scope,
     ) -> Result<ScopedJoinHandle<'scope, Option<R>>, RunError> {
         let (failed, ended) = (self.failed, self.ended);
-        let turn = self.turns.map(|turns| (turns.clone(), turns.add(name)));
+        let turn = self.interleaving.map(|interleaving| (interleaving.clone(), interleaving.add(name)));
         let guarded = move || {
-            let _entered = turn.as_ref().map(|(turns, me)| turns.enter(*me));
+            let _entered = turn.as_ref().map(|(interleaving, me)| interleaving.enter(*me));
             let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(work));
             let error = match result {
                 Ok(Ok(done)) => return Some(done),

@@ -6,14 +6,14 @@ use crate::scenario::{Agent, Mode};
 
 /// What happened in a recording beside its frames. Up to its last frame a repetition does the same.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Course {
+pub struct RecordedEvents {
     /// The frame at which each model was asked for, and the first frame that it acted on, if it came to that.
     requests: BTreeMap<u64, Option<u64>>,
     last_frame: Option<u64>,
     decisions: u64,
 }
 
-impl Course {
+impl RecordedEvents {
     /// A model was asked for at a frame.
     pub fn asked(&mut self, frame: u64) {
         self.requests.entry(frame).or_insert(None);
@@ -45,9 +45,9 @@ impl Course {
     }
 }
 
-/// The schedule of models in a run.
+/// The timing of models in a run.
 #[derive(Debug, Clone)]
-pub enum Schedule {
+pub enum ModelTiming {
     /// A model is asked for at every multiple of `every` frames, and acts from the frame `latency` later on.
     Lockstep {
         /// Frames between requests.
@@ -67,13 +67,13 @@ pub enum Schedule {
     },
 }
 
-impl Schedule {
-    /// The schedule of a scenario, and up to its end that of a recording if there is one to repeat.
-    pub fn new(settings: &Agent, recording: Option<&Course>) -> Self {
+impl ModelTiming {
+    /// The timing of a scenario, and up to its end that of a recording if there is one to repeat.
+    pub fn new(settings: &Agent, recording: Option<&RecordedEvents>) -> Self {
         let (every, latency) = (settings.resolve_frames as u64, settings.latency_frames as u64);
         if settings.mode == Mode::Lockstep {
             // It is the same in every repetition.
-            return Schedule::Lockstep { every, latency };
+            return ModelTiming::Lockstep { every, latency };
         }
         let mut recorded = BTreeMap::new();
         if let Some(course) = recording {
@@ -84,48 +84,48 @@ impl Schedule {
                 recorded.insert(asked, next);
             }
         }
-        Schedule::Realtime { every, recorded, to: recording.and_then(Course::last_frame) }
+        ModelTiming::Realtime { every, recorded, to: recording.and_then(RecordedEvents::last_frame) }
     }
 
     /// Whether a model becomes due with the frame that makes it `frames` frames.
     pub fn is_due(&self, frames: u64) -> bool {
-        let (Schedule::Lockstep { every, .. } | Schedule::Realtime { every, .. }) = self;
+        let (ModelTiming::Lockstep { every, .. } | ModelTiming::Realtime { every, .. }) = self;
         frames > 0 && frames.is_multiple_of(*every)
     }
 
-    /// Whether the actor that acts has to wait for a model that is asked for at this frame. `is_due`: of [`Schedule::is_due`].
+    /// Whether the actor that acts has to wait for a model that is asked for at this frame. `is_due`: of [`ModelTiming::is_due`].
     pub fn announces(&self, frame: u64, is_due: bool) -> bool {
         match self {
-            Schedule::Lockstep { .. } => is_due,
-            Schedule::Realtime { recorded, .. } => self.is_recorded(frame) && recorded.contains_key(&frame),
+            ModelTiming::Lockstep { .. } => is_due,
+            ModelTiming::Realtime { recorded, .. } => self.is_recorded(frame) && recorded.contains_key(&frame),
         }
     }
 
     /// Whether a model is asked for at this frame, where one is `owed` or not and the solver has room or not.
     pub fn asks(&self, frame: u64, owed: bool, has_room: bool) -> bool {
         match self {
-            Schedule::Lockstep { .. } => owed,
-            Schedule::Realtime { recorded, .. } if self.is_recorded(frame) => recorded.contains_key(&frame),
+            ModelTiming::Lockstep { .. } => owed,
+            ModelTiming::Realtime { recorded, .. } if self.is_recorded(frame) => recorded.contains_key(&frame),
             // A busy solver never stops the stream.
-            Schedule::Realtime { .. } => owed && has_room,
+            ModelTiming::Realtime { .. } => owed && has_room,
         }
     }
 
     /// The frame from which an announced model acts.
     pub fn effective(&self, asked_at: u64) -> u64 {
         match self {
-            Schedule::Lockstep { latency, .. } => asked_at.saturating_add(*latency),
-            Schedule::Realtime { recorded, .. } => recorded.get(&asked_at).copied().unwrap_or(u64::MAX),
+            ModelTiming::Lockstep { latency, .. } => asked_at.saturating_add(*latency),
+            ModelTiming::Realtime { recorded, .. } => recorded.get(&asked_at).copied().unwrap_or(u64::MAX),
         }
     }
 
     /// Whether models act as soon as they are ready at this frame.
     pub fn polls(&self, frame: u64) -> bool {
-        matches!(self, Schedule::Realtime { .. }) && !self.is_recorded(frame)
+        matches!(self, ModelTiming::Realtime { .. }) && !self.is_recorded(frame)
     }
 
     fn is_recorded(&self, frame: u64) -> bool {
-        matches!(self, Schedule::Realtime { to: Some(to), .. } if frame <= *to)
+        matches!(self, ModelTiming::Realtime { to: Some(to), .. } if frame <= *to)
     }
 }
 
@@ -146,20 +146,20 @@ mod tests {
 
     #[test]
     fn lockstep_is_fixed_whatever_was_recorded() {
-        let mut course = Course::default();
+        let mut course = RecordedEvents::default();
         course.asked(7);
         course.seen(1000);
-        let schedule = Schedule::new(&settings("lockstep"), Some(&course));
-        assert!(schedule.is_due(200) && !schedule.is_due(201) && !schedule.is_due(0));
-        assert!(schedule.announces(199, true) && !schedule.announces(7, false));
-        assert!(schedule.asks(199, true, false) && !schedule.asks(200, false, true));
-        assert_eq!(schedule.effective(199), 239);
-        assert!(!schedule.polls(5000));
+        let timing = ModelTiming::new(&settings("lockstep"), Some(&course));
+        assert!(timing.is_due(200) && !timing.is_due(201) && !timing.is_due(0));
+        assert!(timing.announces(199, true) && !timing.announces(7, false));
+        assert!(timing.asks(199, true, false) && !timing.asks(200, false, true));
+        assert_eq!(timing.effective(199), 239);
+        assert!(!timing.polls(5000));
     }
 
     #[test]
     fn realtime_follows_the_recording_to_its_end_and_then_its_own_time() {
-        let mut course = Course::default();
+        let mut course = RecordedEvents::default();
         for asked in [99, 205, 301, 450] {
             course.asked(asked);
         }
@@ -167,11 +167,11 @@ mod tests {
         // No model came of the request at 205: its answer is taken with the next one.
         course.effective(301, 400);
         course.seen(500);
-        let schedule = Schedule::new(&settings("realtime"), Some(&course));
-        assert!(schedule.asks(205, false, false) && !schedule.asks(206, true, true));
-        assert!(schedule.announces(450, false) && !schedule.announces(199, true));
-        assert_eq!([99, 205, 301, 450].map(|asked| schedule.effective(asked)), [150, 400, 400, u64::MAX]);
-        assert!(!schedule.polls(500) && schedule.polls(501));
-        assert!(schedule.asks(501, true, true) && !schedule.asks(501, true, false) && !schedule.asks(501, false, true));
+        let timing = ModelTiming::new(&settings("realtime"), Some(&course));
+        assert!(timing.asks(205, false, false) && !timing.asks(206, true, true));
+        assert!(timing.announces(450, false) && !timing.announces(199, true));
+        assert_eq!([99, 205, 301, 450].map(|asked| timing.effective(asked)), [150, 400, 400, u64::MAX]);
+        assert!(!timing.polls(500) && timing.polls(501));
+        assert!(timing.asks(501, true, true) && !timing.asks(501, true, false) && !timing.asks(501, false, true));
     }
 }

@@ -5,7 +5,7 @@
 //! the goal is the centre of the lab. The thesis's LSPI has neither ridge nor mixing, and its robot no reflexes; ours,
 //! with all three, is the third variant.
 
-mod shown;
+mod results;
 
 use std::collections::BTreeMap;
 use std::sync::atomic::Ordering;
@@ -14,7 +14,7 @@ use faer::{Mat, Par};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use self::shown::Shown;
+use self::results::Findings;
 use super::lab::{Data, FRAMES, Lab, TRANSITIONS, Transition, Walked, points};
 use super::quality::{Quality, reference_trips};
 use super::{Bench, Experiment, ExperimentError, Once, Results, Sizes};
@@ -244,7 +244,7 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     }
     let lab = Lab::new(*scope.seeds.start(), &[])?;
     let (gamma, weight) = (lab.scenario.value.gamma, lab.thesis_weight(&lab.walk(frames)));
-    let shown = Shown { found, sets, gamma };
+    let shown = Findings { found, sets, gamma };
     Ok(Results {
         tables: vec![shown.regimes(), shown.table(Kind::Thesis), shown.table(Kind::Blocked)],
         notes: vec![

@@ -4,7 +4,7 @@ use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
 use ratatui::style::{Color, Modifier, Style};
 
-use crate::live::look::Maps;
+use crate::live::maps::Maps;
 use crate::live::view::View;
 use crate::report::draw::{Colours, GOAL, PATH};
 

@@ -1,6 +1,6 @@
 //! What the terminal shows of a view that is made up.
 
-use super::super::look::Maps;
+use super::super::maps::Maps;
 use super::super::view::{Curve, Curves, DecisionView, FeaturesView, HealthView, Phase, Picture, TaskView, WallView};
 use super::*;
 use std::sync::Arc;

@@ -7,7 +7,7 @@ use mcap::records::op;
 
 /// Checks that the parts of a record fit into it. The error says what does not.
 pub(super) fn check(kind: u8, body: &[u8]) -> Result<(), String> {
-    let mut parts = Parts(body);
+    let mut parts = Snapshot(body);
     let fit = match kind {
         op::HEADER => parts.text().and_then(|()| parts.text()),
         op::SCHEMA => parts.schema(),
@@ -25,9 +25,9 @@ pub(super) fn check(kind: u8, body: &[u8]) -> Result<(), String> {
 }
 
 /// What is left of a record; each step is `None` if it would go beyond the end.
-struct Parts<'a>(&'a [u8]);
+struct Snapshot<'a>(&'a [u8]);
 
-impl Parts<'_> {
+impl Snapshot<'_> {
     fn skip(&mut self, bytes: usize) -> Option<()> {
         self.0 = self.0.get(bytes..)?;
         Some(())
@@ -48,7 +48,7 @@ impl Parts<'_> {
     /// A length of four bytes, then pairs of texts that fill it exactly.
     fn map(&mut self) -> Option<()> {
         let length = self.length()?;
-        let mut pairs = Parts(self.0.get(..length)?);
+        let mut pairs = Snapshot(self.0.get(..length)?);
         while !pairs.0.is_empty() {
             pairs.text()?;
             pairs.text()?;

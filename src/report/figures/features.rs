@@ -5,7 +5,7 @@ use faer::Mat;
 use super::policy::headings;
 use super::{Figure, Item, Material, Section};
 use crate::report::draw::{Axis, Chart, Colours, DrawError, Line, Mark, Panel, Panels, SERIES, Stroke};
-use crate::report::survey::{FEATURES, HEADINGS, Survey, angle, features_of};
+use crate::report::maps::{FEATURES, HEADINGS, RoomMaps, angle, features_of};
 use crate::robot::wrap;
 use crate::slow::theory::{Axis as Side, MOST_RESPONSES, OptimalResponses, plane_motion};
 use crate::vision::Observation;
@@ -18,8 +18,8 @@ const NEAR_DEG: f64 = 22.5;
 
 pub fn section(material: &Material<'_>) -> Result<Section, DrawError> {
     let mut items = slowness(material)?;
-    match (&material.learned, material.survey) {
-        (Ok(_), Some(survey)) => items.extend(maps(material, survey)?),
+    match (&material.learned, material.room_maps) {
+        (Ok(_), Some(room_maps)) => items.extend(maps(material, room_maps)?),
         (Ok(learned), None) => items.extend(scatter(material, learned)?),
         (Err(reason), _) => items.push(Item::Missing(format!("There are no features to show: {reason}."))),
     }
@@ -27,20 +27,20 @@ pub fn section(material: &Material<'_>) -> Result<Section, DrawError> {
 }
 
 /// Test maps of the first features.
-fn maps(material: &Material<'_>, survey: &Survey) -> Result<Vec<Item>, DrawError> {
-    let (low, high) = material.corners().unwrap_or((survey.grid.low, survey.grid.high));
+fn maps(material: &Material<'_>, room_maps: &RoomMaps) -> Result<Vec<Item>, DrawError> {
+    let (low, high) = material.corners().unwrap_or((room_maps.grid.low, room_maps.grid.high));
     let responses = optimal(material, 60).ok().map(|(responses, _)| responses);
     let mut items = Vec::new();
-    let grid = survey.grid;
+    let grid = room_maps.grid;
     items.push(Item::Text(format!(
         "The first {} of them as test maps: {} × {} places, 8 headings, seen through a camera without noise{}. A feature of the \
-         position looks the same at all headings; a feature of the heading has one colour at each.",
-        survey.features.len(),
+         position appearance the same at all headings; a feature of the heading has one colour at each.",
+        room_maps.features.len(),
         grid.columns,
         grid.rows,
-        if survey.coarse { " (rendered as coarsely as vision allows)" } else { "" }
+        if room_maps.coarse { " (rendered as coarsely as vision allows)" } else { "" }
     )));
-    for (number, feature) in survey.features.iter().enumerate() {
+    for (number, feature) in room_maps.features.iter().enumerate() {
         let title = format!("Feature {}", number + 1);
         let svg = Panels {
             grid: Some(grid),
@@ -53,7 +53,7 @@ fn maps(material: &Material<'_>, survey: &Survey) -> Result<Vec<Item>, DrawError
         .svg()?;
         let slowness = material.gathered.slowness.get(number);
         let slowness = slowness.map_or(String::new(), |value| format!("Slowness {value:.3} /s². "));
-        let alike = responses.as_ref().and_then(|responses| alike(survey, number, responses)).unwrap_or_default();
+        let alike = responses.as_ref().and_then(|responses| alike(room_maps, number, responses)).unwrap_or_default();
         let name = format!("feature-{:02}", number + 1);
         items.push(Item::Figure(Figure::new(name, &title, slowness + &alike, svg)));
     }
@@ -61,9 +61,9 @@ fn maps(material: &Material<'_>, survey: &Survey) -> Result<Vec<Item>, DrawError
 }
 
 /// Which optimal response a feature resembles most, and how much: their correlation over all places and headings.
-fn alike(survey: &Survey, number: usize, responses: &OptimalResponses) -> Option<String> {
-    let places: Vec<[f64; 2]> = survey.grid.points().collect();
-    let maps = &survey.features[number];
+fn alike(room_maps: &RoomMaps, number: usize, responses: &OptimalResponses) -> Option<String> {
+    let places: Vec<[f64; 2]> = room_maps.grid.points().collect();
+    let maps = &room_maps.features[number];
     let inside: Vec<usize> = (0..places.len()).filter(|&i| maps[0][i].is_finite()).collect();
     let states = Mat::from_fn(3, inside.len() * HEADINGS, |axis, j| match axis {
         0 | 1 => places[inside[j / HEADINGS]][axis],

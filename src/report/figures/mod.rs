@@ -10,8 +10,8 @@ mod trials;
 
 use super::draw::{DrawError, Mark, PATH, Picture, Table};
 use super::gather::{CELL, Gathered};
+use super::maps::RoomMaps;
 use super::room::Room;
-use super::survey::Survey;
 use crate::evaluate::{PoseDecode, TaskResult, Trip};
 use crate::policy::Learned;
 
@@ -71,7 +71,7 @@ pub struct Material<'a> {
     /// The newest features and policies, or why there are none.
     pub learned: Result<&'a Learned, String>,
     /// What was learned, looked at from everywhere in the simulated room.
-    pub survey: Option<&'a Survey>,
+    pub room_maps: Option<&'a RoomMaps>,
     /// Results of each task with the ways of the trials, or why there are none.
     pub trials: Result<&'a [(TaskResult, Vec<Trip>)], String>,
     /// What the features know of the pose.

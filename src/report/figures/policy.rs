@@ -6,8 +6,8 @@ use super::{Figure, Item, Material, Section, file_name};
 use crate::report::Numbered;
 use crate::report::draw::{Colours, DrawError, GOAL, Grid, INK, Mark, PATH, Panel, Panels, SERIES};
 use crate::report::gather::CELL;
+use crate::report::maps::{HEADINGS, Map, RoomMaps, angle};
 use crate::report::room::HATCH;
-use crate::report::survey::{HEADINGS, Map, Survey, angle};
 use crate::scenario::in_goal;
 
 /// Most arrows along the longer side of a room.
@@ -19,20 +19,20 @@ const WORTH: &str = "value of the best action, mean of headings";
 pub fn section(material: &Material<'_>) -> Result<Section, DrawError> {
     let mut items = Vec::new();
     let named = material.task_names();
-    match (&material.room, material.survey) {
-        (Some(_), Some(survey)) => {
+    match (&material.room, material.room_maps) {
+        (Some(_), Some(room_maps)) => {
             // In the order in which drawings of one height stand side by side.
-            let tasks = || named.iter().enumerate().take(survey.values.len());
+            let tasks = || named.iter().enumerate().take(room_maps.values.len());
             for (task, name) in tasks() {
-                items.push(Item::Figure(room(material, survey, task, name)?));
+                items.push(Item::Figure(room(material, room_maps, task, name)?));
             }
             items.push(way(material)?);
             for (task, name) in tasks() {
-                items.push(Item::Figure(values(material, survey, task, name)?));
-                items.push(Item::Figure(best(material, survey, task, name)?));
+                items.push(Item::Figure(values(material, room_maps, task, name)?));
+                items.push(Item::Figure(best(material, room_maps, task, name)?));
             }
             if named.len().is_multiple_of(2) {
-                let way = items.remove(named.len().min(survey.values.len()));
+                let way = items.remove(named.len().min(room_maps.values.len()));
                 items.push(way);
             }
         }
@@ -63,8 +63,8 @@ fn outline(material: &Material<'_>, task: usize, width: u32) -> Vec<Mark> {
 }
 
 /// The room from above with values, arrows and the last part of the way.
-fn room(material: &Material<'_>, survey: &Survey, task: usize, name: &str) -> Result<Figure, DrawError> {
-    let worth = survey.worth(task);
+fn room(material: &Material<'_>, room_maps: &RoomMaps, task: usize, name: &str) -> Result<Figure, DrawError> {
+    let worth = room_maps.worth(task);
     let values: Map = worth.iter().map(|worth| worth.0).collect();
     let mut marks = Vec::new();
     if let Some(room) = &material.room {
@@ -73,7 +73,7 @@ fn room(material: &Material<'_>, survey: &Survey, task: usize, name: &str) -> Re
         marks.push(room.goal(task));
     }
     marks.extend(material.last_way());
-    marks.extend(arrows(material, survey, task, &worth));
+    marks.extend(arrows(material, room_maps, task, &worth));
     marks.extend(material.walls(6));
     let title = format!("The room and the policy of {name}");
     let (low, high) = ends(std::slice::from_ref(&values));
@@ -87,7 +87,7 @@ fn room(material: &Material<'_>, survey: &Survey, task: usize, name: &str) -> Re
             (INK, "where the policy turns to".to_owned()),
             (HATCH, "near a wall, punished".to_owned()),
         ],
-        ..drawing(material, &title, survey, vec![Panel { values, ..Panel::of(marks) }])
+        ..drawing(material, &title, room_maps, vec![Panel { values, ..Panel::of(marks) }])
     }
     .svg()?;
     let caption = "Seen from above. Colours: how much the policy expects to gain from a place (goal soon: dark). Arrows: the \
@@ -95,9 +95,9 @@ fn room(material: &Material<'_>, survey: &Survey, task: usize, name: &str) -> Re
     Ok(Figure::new(file_name("room", task, name), &title, caption, svg))
 }
 
-/// Arrows at an even selection of the survey's places, outside of the goal.
-fn arrows(material: &Material<'_>, survey: &Survey, task: usize, worth: &[(f64, usize)]) -> Vec<Mark> {
-    let (grid, Some(room)) = (survey.grid, &material.room) else { return Vec::new() };
+/// Arrows at an even selection of the room_maps's places, outside of the goal.
+fn arrows(material: &Material<'_>, room_maps: &RoomMaps, task: usize, worth: &[(f64, usize)]) -> Vec<Mark> {
+    let (grid, Some(room)) = (room_maps.grid, &material.room) else { return Vec::new() };
     let every = grid.columns.max(grid.rows).div_ceil(ARROWS).max(1);
     let goal = &room.scenario.tasks[task];
     let (low, high) = room.corners();
@@ -111,8 +111,8 @@ fn arrows(material: &Material<'_>, survey: &Survey, task: usize, worth: &[(f64, 
 }
 
 /// The value of the best action for each heading.
-fn values(material: &Material<'_>, survey: &Survey, task: usize, name: &str) -> Result<Figure, DrawError> {
-    let maps = &survey.values[task];
+fn values(material: &Material<'_>, room_maps: &RoomMaps, task: usize, name: &str) -> Result<Figure, DrawError> {
+    let maps = &room_maps.values[task];
     let (low, high) = ends(maps);
     let title = format!("Value function of {name}");
     let svg = Panels {
@@ -121,7 +121,7 @@ fn values(material: &Material<'_>, survey: &Survey, task: usize, name: &str) -> 
         outline: outline(material, task, 1),
         per_row: 2,
         key: vec![(GOAL, "goal".to_owned())],
-        ..drawing(material, &title, survey, headings(maps))
+        ..drawing(material, &title, room_maps, headings(maps))
     }
     .svg()?;
     let caption = "What the policy expects from each place, for eight headings. 0° looks along x (to the right), 90° along y \
@@ -130,7 +130,7 @@ fn values(material: &Material<'_>, survey: &Survey, task: usize, name: &str) -> 
 }
 
 /// The best action for each heading.
-fn best(material: &Material<'_>, survey: &Survey, task: usize, name: &str) -> Result<Figure, DrawError> {
+fn best(material: &Material<'_>, room_maps: &RoomMaps, task: usize, name: &str) -> Result<Figure, DrawError> {
     let title = format!("Greedy action of {name}");
     let colours: [RGBColor; 3] = [SERIES[0], SERIES[1], SERIES[2]].map(|c| {
         let lighter = |c: u8| c + (255 - c) / 3;
@@ -141,7 +141,7 @@ fn best(material: &Material<'_>, survey: &Survey, task: usize, name: &str) -> Re
         colours: Colours::Classes(colours.into_iter().zip(names).collect()),
         outline: outline(material, task, 1),
         per_row: 2,
-        ..drawing(material, &title, survey, headings(&survey.best[task]))
+        ..drawing(material, &title, room_maps, headings(&room_maps.best[task]))
     }
     .svg()?;
     let caption = "What the policy does at each place, for eight headings, before the reflexes have a say.";
@@ -163,10 +163,10 @@ fn ends(maps: &[Map]) -> (f64, f64) {
     values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &value| (low.min(value), high.max(value)))
 }
 
-/// Panels on the survey's grid.
-fn drawing(material: &Material<'_>, title: &str, survey: &Survey, panels: Vec<Panel>) -> Panels {
-    let corners = material.corners().unwrap_or((survey.grid.low, survey.grid.high));
-    Panels { grid: Some(survey.grid), ..Panels::new(title, corners, panels) }
+/// Panels on the room_maps's grid.
+fn drawing(material: &Material<'_>, title: &str, room_maps: &RoomMaps, panels: Vec<Panel>) -> Panels {
+    let corners = material.corners().unwrap_or((room_maps.grid.low, room_maps.grid.high));
+    Panels { grid: Some(room_maps.grid), ..Panels::new(title, corners, panels) }
 }
 
 /// Where the robot was in all, and the last part of its way.

@@ -38,7 +38,7 @@ pub fn section(material: &Material<'_>) -> Result<Section, DrawError> {
                 rgb: sample.pixels.clone(),
             };
             let before = |sample: &&Sample| {
-                let Image { width, height, rgb, .. } = room.world.looks.render(&sample.pose, sample.frame);
+                let Image { width, height, rgb, .. } = room.world.appearance.render(&sample.pose, sample.frame);
                 Picture { label: format!("frame {}, camera", Numbered(sample.frame)), width, height, rgb }
             };
             let mut pictures = Vec::new();

@@ -1,10 +1,10 @@
 //! What a report shows of a log, gathered in one pass and bounded memory, however long the log is.
 
+mod downsample;
 mod seen;
-mod thin;
 
+pub use downsample::Downsample;
 pub use seen::{HealthSeen, ModelSeen, Motion, Sample, TopicSeen, Tried};
-pub use thin::Thin;
 
 use std::collections::{BTreeMap, VecDeque};
 use std::fs::File;
@@ -82,11 +82,11 @@ pub struct Gathered {
     /// Motion while driving, and while turning.
     pub motion: [Motion; 2],
     /// Observations with their poses, evenly over the run.
-    pub samples: Thin<Sample>,
+    pub samples: Downsample<Sample>,
     /// Support vectors by frame.
-    pub growth: Thin<(u64, u32)>,
+    pub growth: Downsample<(u64, u32)>,
     /// Where members of the dictionary were taken.
-    pub members: Thin<(u64, Pose)>,
+    pub members: Downsample<(u64, Pose)>,
     /// Members whose pose is not known.
     pub members_elsewhere: u64,
     /// The frame from which on nothing more was accepted.
@@ -94,15 +94,15 @@ pub struct Gathered {
     /// Frames that were left out because they are not finite.
     pub quarantined: u64,
     /// Models.
-    pub models: Thin<ModelSeen>,
+    pub models: Downsample<ModelSeen>,
     /// Number of the newest model.
     pub epoch: u32,
     /// Slowness of the newest model's features.
     pub slowness: Vec<f64>,
     /// Trials beside the run, by task.
-    pub tried: BTreeMap<String, Thin<Tried>>,
+    pub tried: BTreeMap<String, Downsample<Tried>>,
     /// How the program was doing.
-    pub health: Thin<HealthSeen>,
+    pub health: Downsample<HealthSeen>,
     /// Names of the queues.
     pub queues: Vec<String>,
     /// Frames that the source dropped.
@@ -215,17 +215,17 @@ impl Gathered {
             last: VecDeque::new(),
             visits: BTreeMap::new(),
             motion: [Motion::default(); 2],
-            samples: Thin::first_of(SAMPLES),
-            growth: Thin::new(LINE, |a, b| *a = b),
-            members: Thin::first_of(MEMBERS),
+            samples: Downsample::first_of(SAMPLES),
+            growth: Downsample::new(LINE, |a, b| *a = b),
+            members: Downsample::first_of(MEMBERS),
             members_elsewhere: 0,
             full_since: None,
             quarantined: 0,
-            models: Thin::new(LINE, |a, b| *a = b),
+            models: Downsample::new(LINE, |a, b| *a = b),
             epoch: 0,
             slowness: Vec::new(),
             tried: BTreeMap::new(),
-            health: Thin::new(LINE, HealthSeen::merge),
+            health: Downsample::new(LINE, HealthSeen::merge),
             queues: Vec::new(),
             dropped: 0,
             warnings: 0,
@@ -312,7 +312,7 @@ impl Gathered {
             self.modelled(record.decode()?);
         } else if is(topics::EVALUATION.name()) {
             let tried: Evaluation = record.decode()?;
-            self.tried.entry(tried.task).or_insert_with(|| Thin::new(LINE, |a, b| *a = b)).push(Tried {
+            self.tried.entry(tried.task).or_insert_with(|| Downsample::new(LINE, |a, b| *a = b)).push(Tried {
                 frame: tried.frame,
                 success: tried.success,
                 low: tried.success_wilson_low,

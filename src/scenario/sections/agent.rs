@@ -55,14 +55,14 @@ pub struct Agent {
     pub when_behind: WhenBehind,
     /// Times real time at which a simulated robot drives; `None`: as fast as its frames are taken.
     pub speed: Option<f64>,
-    /// Time between two states of the run that are put away, minutes; 0: none but when it is interrupted.
-    pub keep_minutes: f64,
+    /// Time between two states of the run that are saved, minutes; 0: none but when it is interrupted.
+    pub snapshot_minutes: f64,
 }
 
 impl Agent {
-    /// Time between two states of the run that are put away; none of them but when it is interrupted, if that is `None`.
-    pub fn keep_every(&self) -> Option<std::time::Duration> {
-        (self.keep_minutes > 0.0).then(|| std::time::Duration::from_secs_f64(60.0 * self.keep_minutes))
+    /// Time between two states of the run that are saved; none of them but when it is interrupted, if that is `None`.
+    pub fn snapshot_every(&self) -> Option<std::time::Duration> {
+        (self.snapshot_minutes > 0.0).then(|| std::time::Duration::from_secs_f64(60.0 * self.snapshot_minutes))
     }
 }
 
@@ -156,8 +156,8 @@ impl Agent {
                 Range::within(0.01, 1e6),
                 "of a simulated robot; auto: as fast as its frames are taken",
             ),
-            keep_minutes: s.number(
-                "keep_minutes",
+            snapshot_minutes: s.number(
+                "snapshot_minutes",
                 10.0,
                 "min",
                 Range::within(0.0, 1e6),

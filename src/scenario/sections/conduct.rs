@@ -10,9 +10,9 @@ pub struct Policy {
     /// Share of pursuits among legs when the run ends; it rises linearly from 0.
     pub pursue_share: f64,
     /// Length of a leg of exploration, actions.
-    pub explore_leg: usize,
+    pub explore_length: usize,
     /// A pursuit gives up after this many actions.
-    pub pursue_leg: usize,
+    pub pursue_timeout: usize,
     /// Probability of *forward* in the random walk.
     pub forward_probability: f64,
     /// Sonar reflex of the random walk: no *forward* with less clearance ahead, metres.
@@ -88,10 +88,10 @@ impl Policy {
                 0.5,
                 "",
                 Range::within(0.0, 1.0),
-                "share of pursuits among legs at the end of the run",
+                "share of pursuits at the end of the run",
             ),
-            explore_leg: s.count("explore_leg", 40, "actions", 1, 1_000_000, "length of a leg of exploration"),
-            pursue_leg: s.count("pursue_leg", 40, "actions", 1, 1_000_000, "a pursuit gives up after"),
+            explore_length: s.count("explore_length", 40, "actions", 1, 1_000_000, "length of a period of exploration"),
+            pursue_timeout: s.count("pursue_timeout", 40, "actions", 1, 1_000_000, "a pursuit is given up after"),
             forward_probability: s.number(
                 "forward_probability",
                 0.5,

@@ -60,9 +60,9 @@ pub struct Value {
     pub gamma: f64,
     /// Transitions in the window.
     pub window: usize,
-    /// Local values: transitions that tell the value of an action.
+    /// Local values: transitions neighbours for the value of an action.
     pub neighbours: usize,
-    /// Local values: slowest features that tell which states are near each other.
+    /// Local values: slowest features that define the distance of states each other.
     pub metric_features: usize,
     /// Local values: ridge on the slopes of the regression, in mean squared distances of the neighbours.
     pub local_ridge: f64,
@@ -167,14 +167,21 @@ impl Value {
             ),
             gamma: s.number("gamma", 0.9, "per action", Range::within(0.0, 0.9999), "discount"),
             window: s.count("window", 20_000, "transitions", 10, 10_000_000, "rolling window"),
-            neighbours: s.count("neighbours", 16, "transitions", 1, 1000, "local: that tell the value of an action"),
+            neighbours: s.count(
+                "neighbours",
+                16,
+                "transitions",
+                1,
+                1000,
+                "local: neighbours for the value of an action",
+            ),
             metric_features: s.count(
                 "metric_features",
                 40,
                 "",
                 1,
                 5000,
-                "local: slowest features that tell which states are near",
+                "local: slowest features that define the distance of states",
             ),
             local_ridge: s.number(
                 "local_ridge",

@@ -58,6 +58,8 @@ pub struct Scenario {
     pub tasks: Vec<Task>,
     /// The complete file, every default filled in.
     pub text: String,
+    /// Old names of keys that the file uses, and the names of today: for people, not part of what is run.
+    pub notes: Vec<String>,
 }
 
 impl Scenario {
@@ -106,6 +108,7 @@ impl Scenario {
                 .sections("change", "what changes while the robot drives", |s, index| Change::read(s, base, index)),
             tasks: reader.sections("task", "", Task::read),
             text: String::new(),
+            notes: Vec::new(),
         }
     }
 }

@@ -44,11 +44,11 @@ pub struct Wall {
     pub points: Vec<[f64; 2]>,
     /// Whether the last corner is joined to the first.
     pub closed: bool,
-    /// Parts without a wall, from and to, metres along it, in order and apart from each other.
+    /// Snapshot without a wall, from and to, metres along it, in order and apart from each other.
     pub gaps: Vec<[f64; 2]>,
     /// Height, metres.
     pub height: f64,
-    /// Wallpaper.
+    /// Texture.
     pub texture: Texture,
 }
 
@@ -67,7 +67,7 @@ pub struct Texture {
     pub hue_spread: f64,
     /// Contrast of the pattern, 0 (plain) to 1.
     pub contrast: f64,
-    /// Seed of the pattern; on walls and floor `world.papers` is in it.
+    /// Seed of the pattern; on walls and floor `world.texture_seed` is in it.
     pub seed: u64,
 }
 
@@ -78,7 +78,7 @@ pub enum Pattern {
     Plain,
     /// Smooth blobs of colour.
     Smooth,
-    /// Sheets of wallpaper of random colours side by side.
+    /// Sheets of random colours side by side.
     Patches,
     /// Blocks of stone, each with a figure of its own in relief.
     Reliefs,
@@ -156,7 +156,7 @@ impl Defaults {
         Defaults::wall(index)
     }
 
-    /// A side of a room is papered as the room is, but in no two of them the pattern is the same.
+    /// A side of a room has the texture of the room, but in no two of them the pattern is the same.
     pub(in crate::scenario) fn side(room: &Texture, side: usize) -> Defaults {
         let Texture { image, scale, hue, hue_spread, contrast, .. } = room.clone();
         let pattern = PATTERNS.iter().position(|&(_, pattern)| pattern == room.pattern).unwrap_or(0);
@@ -168,13 +168,13 @@ impl Defaults {
 
 impl World {
     pub(super) fn read(reader: &mut Reader<'_>, base: &Path) -> Self {
-        let (papers, renderer) = reader.section("world", "what the robot drives in", |s| {
+        let (texture_seed, renderer) = reader.section("world", "what the robot drives in", |s| {
             s.allow_sections(&["room", "wall", "pyramid", "distractor", "floor", "surroundings"]);
-            let line = "another number: other patterns on walls and floor, of the same kinds";
-            let papers = s.count("papers", 0, "", 0, 1_000_000, line) as u64;
+            let line = "seed of the textures of walls and floor; another number: other patterns of the same kinds";
+            let texture_seed = s.count("texture_seed", 0, "", 0, 1_000_000, line) as u64;
             let words = [("auto", Renderer::Auto), ("cpu", Renderer::Cpu), ("gpu", Renderer::Gpu)];
             let line = "who renders: auto takes a graphics processor for many views at once, where that is faster";
-            (papers, s.choice("renderer", 0, &words, line))
+            (texture_seed, s.choice("renderer", 0, &words, line))
         });
         let rooms = reader.sections("world.room", "a rectangle of floor; rooms that touch or overlap are joined", {
             |s, index| Room::read(s, base, index)
@@ -187,7 +187,7 @@ impl World {
             texture: Texture::read(s, base, Defaults::wall(index)),
         });
         walls.extend(walls_of(&rooms));
-        walls.iter_mut().for_each(|wall| wall.texture.paper_anew(papers));
+        walls.iter_mut().for_each(|wall| wall.texture.reseed(texture_seed));
         let pyramids = reader.sections("world.pyramid", "stands outside, far away", Pyramid::read);
         let distractors = reader.sections(
             "world.distractor",
@@ -195,7 +195,7 @@ impl World {
             Distractor::read,
         );
         let mut floor = reader.section("world.floor", "", |s| Texture::read(s, base, Defaults::FLOOR));
-        floor.paper_anew(papers);
+        floor.reseed(texture_seed);
         let surroundings = reader.section("world.surroundings", "seen above the walls, far away", |s| {
             Texture::read(s, base, Defaults::SURROUNDINGS)
         });
@@ -205,13 +205,13 @@ impl World {
 
 impl Texture {
     /// Another texture of a wall; each change has its own unless the file says otherwise.
-    pub(in crate::scenario) fn new_paper(s: &mut Section<'_, '_>, base: &Path, index: usize) -> Self {
+    pub(in crate::scenario) fn changed(s: &mut Section<'_, '_>, base: &Path, index: usize) -> Self {
         Texture::read(s, base, Defaults { seed: index + 501, ..Defaults::wall(index + 2) })
     }
 
-    /// The same with the pattern of another number of papers; 0 leaves it. Seeds in a file are far smaller than what is added.
-    fn paper_anew(&mut self, papers: u64) {
-        self.seed += papers << u32::BITS;
+    /// The same with the pattern of another number of texture_seed; 0 leaves it. Seeds in a file are far smaller than what is added.
+    fn reseed(&mut self, texture_seed: u64) {
+        self.seed += texture_seed << u32::BITS;
     }
 
     pub(in crate::scenario) fn read(s: &mut Section<'_, '_>, base: &Path, d: Defaults) -> Self {

@@ -13,22 +13,22 @@
 //!   where the pose jumps.
 //! - Vision makes observations of the images right here, so that what waits for the end of its action is small.
 
+mod actions;
 mod picture;
 mod senses;
-mod survey;
-mod told;
+mod topics;
 
 pub use picture::{MOST_PIXELS, PictureError, compressed, crop, raw};
 pub use senses::pose_of;
-pub use survey::{ImportError, Roles, Seen, Survey, stamp_ns};
+pub use topics::{ImportError, Roles, Seen, Survey, stamp_ns};
 
 use std::collections::VecDeque;
 use std::sync::Arc;
 
 use serde::Serialize;
 
+use self::actions::RecordedActions;
 use self::senses::{Sensed, Senses};
-use self::told::Told;
 use super::{Boundary, Cutter, Frame, Rule, Segment, Source, Step, View};
 use crate::log::FilesReader;
 use crate::robot::Action;
@@ -69,21 +69,21 @@ pub struct ImportReport {
 /// How the frames come to their actions.
 enum Cutting {
     Motion(Box<Cutter>),
-    Told(Told),
+    RecordedActions(RecordedActions),
 }
 
 impl Cutting {
     fn interrupt(&mut self) {
         match self {
             Cutting::Motion(cutter) => cutter.interrupt(),
-            Cutting::Told(told) => told.interrupt(),
+            Cutting::RecordedActions(told) => told.interrupt(),
         }
     }
 
     fn finished(&mut self) -> Option<Segment> {
         match self {
             Cutting::Motion(cutter) => cutter.finished(),
-            Cutting::Told(told) => told.finished(),
+            Cutting::RecordedActions(told) => told.finished(),
         }
     }
 }
@@ -144,7 +144,7 @@ impl Imported {
         let robot = &scenario.robot;
         let rule = Rule { forward: robot.forward, turn: robot.turn_deg.to_radians(), seconds: robot.action_seconds };
         let cutting = match &roles.action {
-            Some(_) => Cutting::Told(Told::default()),
+            Some(_) => Cutting::RecordedActions(RecordedActions::default()),
             None => Cutting::Motion(Box::default()),
         };
         let mut imported = Imported {
@@ -253,7 +253,7 @@ impl Imported {
     fn cut(&mut self, step: Step, stamp_ns: u64) {
         match &mut self.cutting {
             Cutting::Motion(cutter) => cutter.push(step),
-            Cutting::Told(told) => {
+            Cutting::RecordedActions(told) => {
                 // The image that shows how an action began is the last one of the action before.
                 while let Some((_, action)) = self.senses.action_before(stamp_ns) {
                     told.begin(action);

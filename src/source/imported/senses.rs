@@ -6,7 +6,7 @@ use std::sync::Arc;
 use nalgebra::Point2;
 
 use super::picture::{self, PictureError};
-use super::survey::{Roles, stamp_ns};
+use super::topics::{Roles, stamp_ns};
 use crate::log::messages::{self as msg, Message, foreign};
 use crate::log::{FilesReader, LogError, Record, cdr};
 use crate::robot::{Action, Pose, wrap};

@@ -13,11 +13,11 @@ use faer::{Mat, Par};
 use nalgebra::Point2;
 use thiserror::Error;
 
-use super::messages::{Growth, Lived, Percept, SolveRequest};
-use super::tasks::Goals;
+use super::messages::{Growth, Percept, SolveRequest, TaskTransition};
+use super::tasks::Tasks;
 use crate::agent::error::PerceiveError;
 use crate::agent::runtime::threads::parallelism;
-use crate::agent::runtime::timing::Schedule;
+use crate::agent::runtime::timing::ModelTiming;
 use crate::dictionary::{Ald, DictionaryError, Parameters, Reservoir, Selection, width_for_size};
 use crate::kernel::{Kernel, KernelError, median_distance};
 use crate::policy::{Recent, Reflexes, columns};
@@ -56,20 +56,20 @@ pub struct Sight {
     pub observation: Arc<Observation>,
     /// At the end of an action.
     pub percept: Option<Percept>,
-    /// Goals that moved with it.
+    /// Tasks that moved with it.
     pub moved: Vec<GoalMove>,
 }
 
 /// Vision, dictionary, moments and window.
 pub struct Perceive {
     scenario: Arc<Scenario>,
-    schedule: Arc<Schedule>,
+    timing: Arc<ModelTiming>,
     par: Par,
     observer: Observer,
     stream: Option<SlowStream<f32>>,
     pending: Vec<Pending>,
-    goals: Goals,
-    /// Goals may move: the window keeps where an action ended, and rewards are told from that when they are needed.
+    goals: Tasks,
+    /// Tasks may move: the window keeps where an action ended, and rewards are told from that when they are needed.
     window: Window<Arc<Observation>, Point2<f64>>,
     last_number: Option<u64>,
     reflexes: Reflexes,
@@ -90,15 +90,15 @@ pub struct Perceive {
 
 impl Perceive {
     /// An actor that has seen nothing.
-    pub fn new(scenario: Arc<Scenario>, plan: Arc<Plan>, schedule: Arc<Schedule>) -> Self {
+    pub fn new(scenario: Arc<Scenario>, plan: Arc<Plan>, timing: Arc<ModelTiming>) -> Self {
         Perceive {
-            goals: Goals::new(&scenario, plan),
+            goals: Tasks::new(&scenario, plan),
             window: Window::new(scenario.value.window),
             par: parallelism(&scenario.agent),
             reflexes: Reflexes::new(&scenario),
             actions: scenario.robot.actions(),
             scenario,
-            schedule,
+            timing,
             observer: Observer::default(),
             stream: None,
             pending: Vec::new(),
@@ -114,8 +114,8 @@ impl Perceive {
         }
     }
 
-    /// See a frame: its observation, and at the end of an action the percept to act on. Goals move at the end of actions, too,
-    /// and what the action came to is judged by where they are then.
+    /// See a frame: its observation, and at the end of an action the percept to act on. Tasks move at the end of actions, too,
+    /// and what the action came to is outcomes by where they are then.
     pub fn see(&mut self, frame: Frame) -> Sight {
         let pixels = match frame.view {
             View::Observation(pixels) => pixels,
@@ -153,7 +153,7 @@ impl Perceive {
         };
         // Before the first model there is nothing to fit again.
         self.refit |= !moved.is_empty() && self.last_request.is_some();
-        if self.schedule.announces(frame.number, self.refit || self.schedule.is_due(self.frames)) {
+        if self.timing.announces(frame.number, self.refit || self.timing.is_due(self.frames)) {
             self.asked.push(frame.number);
         }
         let percept = frame.boundary.map(|boundary| Percept {
@@ -163,7 +163,7 @@ impl Perceive {
             action: frame.action,
             blocked: boundary.blocked,
             recent: self.recent,
-            judged: self.goals.judge(place),
+            outcomes: self.goals.outcomes_at(place),
             asked: std::mem::take(&mut self.asked),
         });
         Sight { observation, percept, moved }
@@ -172,9 +172,9 @@ impl Perceive {
     /// Learn from what was seen, when a block is full or a model is asked for. A model that is due, but is not asked for now,
     /// is owed. `has_room`: whether the solver is free.
     pub fn learn(&mut self, has_room: bool) -> Result<Learning, PerceiveError> {
-        self.owed |= self.schedule.is_due(self.frames);
+        self.owed |= self.timing.is_due(self.frames);
         let wanted = self.owed || self.refit;
-        let due = self.last_number.is_some_and(|frame| self.schedule.asks(frame, wanted, has_room));
+        let due = self.last_number.is_some_and(|frame| self.timing.asks(frame, wanted, has_room));
         let keeps_features = self.refit && !self.owed;
         self.owed &= !due;
         self.refit &= !due;
@@ -215,10 +215,10 @@ impl Perceive {
         }))
     }
 
-    fn judged_window(&self) -> Vec<Lived> {
+    fn judged_window(&self) -> Vec<TaskTransition> {
         let judge = |t: Transition<Arc<Observation>, Point2<f64>>| {
             let Transition { from, action, allowed, result, to, cell } = t;
-            Transition { from, action, allowed, result: self.goals.judge(result), to, cell }
+            Transition { from, action, allowed, result: self.goals.outcomes_at(result), to, cell }
         };
         self.window.snapshot().into_iter().map(judge).collect()
     }
@@ -370,8 +370,8 @@ impl Begin {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::parts::{Parts, Persist};
     use crate::robot::Pose;
+    use crate::snapshot::{Persist, Snapshot};
     use crate::source::Boundary;
 
     #[test]
@@ -379,8 +379,8 @@ mod tests {
         let text = include_str!("../../../../scenarios/lab.toml");
         let scenario = Arc::new(Scenario::parse(text, std::path::Path::new("lab.toml"), &[]).unwrap());
         let plan = Arc::new(Plan::new(&scenario).unwrap());
-        let schedule = || Arc::new(Schedule::new(&scenario.agent, None));
-        let mut perceive = Perceive::new(scenario.clone(), plan.clone(), schedule());
+        let timing = || Arc::new(ModelTiming::new(&scenario.agent, None));
+        let mut perceive = Perceive::new(scenario.clone(), plan.clone(), timing());
         let frame = |number: u64, action: Option<Action>, blocked: bool| {
             let pose = Pose::new(Point2::new(1.5, 0.9), 0.0);
             let pixels = vec![128; 3 * scenario.vision.width * scenario.vision.height];
@@ -396,11 +396,11 @@ mod tests {
         // Only the same turn may follow, and that is what values will count on.
         assert_eq!(boundary.unwrap().1, 1 << Action::TURN_LEFT.index());
 
-        // It is the same after it was put away and made again.
-        let mut parts = Parts::new();
-        perceive.persist(&mut parts).unwrap();
-        let mut again = Perceive::new(scenario.clone(), plan, schedule());
-        again.persist(&mut Parts::restoring(parts.matrices, parts.texts)).unwrap();
+        // It is the same after it was saved and restored.
+        let mut snapshot = Snapshot::new();
+        perceive.persist(&mut snapshot).unwrap();
+        let mut again = Perceive::new(scenario.clone(), plan, timing());
+        again.persist(&mut Snapshot::restoring(snapshot.matrices, snapshot.texts)).unwrap();
         assert_eq!(again.recent, recent);
         assert_eq!(again.pending.last().unwrap().boundary, boundary);
 

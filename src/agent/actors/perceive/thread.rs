@@ -8,7 +8,7 @@ use super::super::record::{Level, Recorder};
 use super::{Learning, Perceive, Sight};
 use crate::agent::error::RunError;
 use crate::agent::runtime::clock::Clock;
-use crate::agent::runtime::marker::{Marker, Quiet};
+use crate::agent::runtime::marker::{Marker, Quiescence};
 use crate::agent::runtime::queue::{Closed, Inbox, Outbox};
 use crate::agent::runtime::status::Status;
 use crate::source::Frame;
@@ -28,7 +28,7 @@ pub struct PerceiveLoop<'a> {
     pub solve: Outbox<Item<SolveRequest>>,
     pub record: Recorder,
     pub status: &'a Status,
-    pub quiet: &'a Quiet,
+    pub quiescence: &'a Quiescence,
 }
 
 impl PerceiveLoop<'_> {
@@ -43,13 +43,13 @@ impl PerceiveLoop<'_> {
         loop {
             let frame = match frames.take() {
                 Ok(Item::Work(frame)) => frame,
-                Ok(Item::Save(mark)) => {
-                    self.save(&mut perceive, mark);
+                Ok(Item::Save(marker)) => {
+                    self.save(&mut perceive, marker);
                     continue;
                 }
                 Err(Closed) => {
                     if let Some(frame) = last_number {
-                        let _ = record.end(frame, status.snapshot().stamp_ns);
+                        let _ = record.end(frame, status.now().stamp_ns);
                     }
                     let last = match perceive.finish() {
                         // It was stopped before there was enough to learn from: there is no model, and that is no failure.
@@ -79,7 +79,7 @@ impl PerceiveLoop<'_> {
                 }
                 sent = sent.and_then(|()| self.percepts.put(percept));
             }
-            let has_room = self.solve.has_room() && !self.quiet.hold.load(Ordering::Relaxed);
+            let has_room = self.solve.has_room() && !self.quiescence.hold.load(Ordering::Relaxed);
             let learned = perceive.learn(has_room)?;
             done.frames += 1;
             if sent.and_then(|()| self.deliver(learned, &mut done)).is_err() {
@@ -96,14 +96,14 @@ impl PerceiveLoop<'_> {
 
     /// Add what was learned to the state of the run, and pass it on. If a model was asked for after the state began, that one
     /// belongs to neither side of it: it is given up, and begun again at the next occasion.
-    fn save(&self, perceive: &mut Perceive, mut mark: Box<Marker>) {
+    fn save(&self, perceive: &mut Perceive, mut marker: Box<Marker>) {
         // In any case models may be asked for again.
-        self.quiet.hold.store(false, Ordering::Relaxed);
-        if self.quiet.requests.load(Ordering::Relaxed) != mark.requests {
+        self.quiescence.hold.store(false, Ordering::Relaxed);
+        if self.quiescence.requests.load(Ordering::Relaxed) != marker.requests {
             return;
         }
-        if mark.parts.inner("perceive", perceive).is_ok() {
-            let _ = self.solve.put(Item::Save(mark));
+        if marker.snapshot.inner("perceive", perceive).is_ok() {
+            let _ = self.solve.put(Item::Save(marker));
         }
     }
 
@@ -121,7 +121,7 @@ impl PerceiveLoop<'_> {
             record.growth(growth)?;
         }
         let Some(request) = learned.request else { return Ok(()) };
-        self.quiet.requests.fetch_add(1, Ordering::Relaxed);
+        self.quiescence.requests.fetch_add(1, Ordering::Relaxed);
         record.request(&request)?;
         self.solve.put(Item::Work(request))
     }

@@ -4,7 +4,7 @@
 //! Here are also the optimal responses of the floor plan itself. Each policy is driven from random starts, which are counted by
 //! whether they lie in the goal's own room or across the corridor.
 
-mod shown;
+mod results;
 
 use std::collections::BTreeMap;
 
@@ -12,7 +12,7 @@ use faer::{Mat, Par};
 use nalgebra::{Point2, Vector2};
 use serde::{Deserialize, Serialize};
 
-use self::shown::{best, plots, table};
+use self::results::{best, plots, table};
 use super::{Pairs, TRANSITIONS, Training, VECTORS, apply, optimal_responses, room_of, rooms, train};
 use crate::evaluate::reference_action;
 use crate::evaluate::{Evaluator, Trip};

@@ -13,7 +13,7 @@ const HALF: f64 = 0.5;
 
 /// Frames by the actions that were told.
 #[derive(Debug, Default)]
-pub struct Told {
+pub struct RecordedActions {
     action: Option<Action>,
     /// Since it began, in durations of an action.
     duration: f64,
@@ -22,7 +22,7 @@ pub struct Told {
     finished: VecDeque<Segment>,
 }
 
-impl Told {
+impl RecordedActions {
     /// An action begins, or one ends that no other follows.
     pub fn begin(&mut self, action: Option<Action>) {
         self.close();
@@ -65,7 +65,7 @@ impl Told {
 mod tests {
     use super::*;
 
-    fn steps(told: &mut Told, frames: usize, ahead: f64) {
+    fn steps(told: &mut RecordedActions, frames: usize, ahead: f64) {
         for _ in 0..frames {
             told.push(Step { ahead, duration: 0.2, ..Step::default() });
         }
@@ -73,7 +73,7 @@ mod tests {
 
     #[test]
     fn each_action_lasts_to_the_next_but_not_for_ever() {
-        let mut told = Told::default();
+        let mut told = RecordedActions::default();
         steps(&mut told, 3, 0.0);
         told.begin(Some(Action::FORWARD));
         steps(&mut told, 5, 0.2);

@@ -1,6 +1,6 @@
-//! What an object is made of, by names: so that it can be put away and made again, bit for bit.
+//! What an object is made of, by names: so that it can be saved and restored, bit for bit.
 //!
-//! A type lists its parts once ([`Persist::persist`]); [`Parts`] either takes copies of them or gives back what was taken. So
+//! A type lists its parts once ([`Persist::persist`]); [`Snapshot`] either takes copies of them or gives back what was taken. So
 //! what is kept and what is restored cannot differ. Nothing here knows of files.
 
 use std::collections::BTreeMap;
@@ -12,18 +12,18 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use thiserror::Error;
 
-/// An object that can be put away and made again.
+/// An object that can be saved and restored.
 pub trait Persist {
     /// Hand each part to `parts`, which copies or replaces it.
     ///
     /// # Errors
     /// A part that is missing, or does not fit the others; the object is not to be used then.
-    fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError>;
+    fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError>;
 }
 
-/// Why an object cannot be put away or made again.
+/// Why an object cannot be saved or restored.
 #[derive(Debug, Error, Clone, PartialEq, Eq)]
-pub enum PartsError {
+pub enum SnapshotError {
     /// A part is not there.
     #[error("{0} is missing")]
     Missing(String),
@@ -35,8 +35,8 @@ pub enum PartsError {
         /// What is wrong.
         cause: String,
     },
-    /// An object that nobody else can make again, such as a function of the user's.
-    #[error("{0} cannot be put away")]
+    /// An object that nobody else can restore, such as a function of the user's.
+    #[error("{0} cannot be saved")]
     Unable(&'static str),
 }
 
@@ -109,7 +109,7 @@ element!(u8, U8);
 
 /// The parts of one object, or of several with different names.
 #[derive(Debug, Default)]
-pub struct Parts {
+pub struct Snapshot {
     /// Matrices by name.
     pub matrices: BTreeMap<String, Matrix>,
     /// Everything else by name, as JSON.
@@ -118,15 +118,15 @@ pub struct Parts {
     within: String,
 }
 
-impl Parts {
+impl Snapshot {
     /// To put something away.
     pub fn new() -> Self {
-        Parts::default()
+        Snapshot::default()
     }
 
-    /// To make again what was put away as these parts.
+    /// To restore what was saved as these parts.
     pub fn restoring(matrices: BTreeMap<String, Matrix>, texts: BTreeMap<String, String>) -> Self {
-        Parts { matrices, texts, restoring: true, within: String::new() }
+        Snapshot { matrices, texts, restoring: true, within: String::new() }
     }
 
     /// Whether parts are given back, and not taken.
@@ -138,8 +138,8 @@ impl Parts {
     ///
     /// # Errors
     /// Those of the inner object.
-    pub fn inner(&mut self, name: &str, object: &mut (impl Persist + ?Sized)) -> Result<(), PartsError> {
-        self.scope(name, |parts| object.persist(parts))
+    pub fn inner(&mut self, name: &str, object: &mut (impl Persist + ?Sized)) -> Result<(), SnapshotError> {
+        self.scope(name, |snapshot| object.persist(snapshot))
     }
 
     /// Do something with names that begin with `name`.
@@ -149,8 +149,8 @@ impl Parts {
     pub fn scope<R>(
         &mut self,
         name: &str,
-        with: impl FnOnce(&mut Parts) -> Result<R, PartsError>,
-    ) -> Result<R, PartsError> {
+        with: impl FnOnce(&mut Snapshot) -> Result<R, SnapshotError>,
+    ) -> Result<R, SnapshotError> {
         let outer = self.within.len();
         self.within.push_str(name);
         self.within.push('.');
@@ -160,14 +160,14 @@ impl Parts {
     }
 
     /// Anything that JSON holds exactly: whole numbers, texts, lists of them. Numbers with a fraction go into
-    /// [`Parts::number`] or [`Parts::numbers`].
+    /// [`Snapshot::number`] or [`Snapshot::numbers`].
     ///
     /// # Errors
     /// The part is missing or of another kind.
-    pub fn value<T: Serialize + DeserializeOwned>(&mut self, name: &str, value: &mut T) -> Result<(), PartsError> {
+    pub fn value<T: Serialize + DeserializeOwned>(&mut self, name: &str, value: &mut T) -> Result<(), SnapshotError> {
         let name = self.name(name);
         if self.restoring {
-            let text = self.texts.get(&name).ok_or_else(|| PartsError::Missing(name.clone()))?;
+            let text = self.texts.get(&name).ok_or_else(|| SnapshotError::Missing(name.clone()))?;
             *value = serde_json::from_str(text).map_err(|cause| wrong(&name, cause))?;
         } else {
             let text = serde_json::to_string(value).map_err(|cause| wrong(&name, cause))?;
@@ -181,7 +181,7 @@ impl Parts {
     ///
     /// # Errors
     /// The part is missing or of another kind.
-    pub fn number(&mut self, name: &str, number: &mut f64) -> Result<(), PartsError> {
+    pub fn number(&mut self, name: &str, number: &mut f64) -> Result<(), SnapshotError> {
         let mut bits = number.to_bits();
         self.value(name, &mut bits)?;
         *number = f64::from_bits(bits);
@@ -192,7 +192,7 @@ impl Parts {
     ///
     /// # Errors
     /// The part is missing or of another kind.
-    pub fn numbers<E: Element>(&mut self, name: &str, numbers: &mut Vec<E>) -> Result<(), PartsError> {
+    pub fn numbers<E: Element>(&mut self, name: &str, numbers: &mut Vec<E>) -> Result<(), SnapshotError> {
         let name = self.name(name);
         if self.restoring {
             let (_, columns, values) = self.find::<E>(&name)?;
@@ -216,7 +216,7 @@ impl Parts {
         name: &str,
         matrix: &mut Mat<E>,
         room: impl FnOnce(usize, usize) -> (usize, usize),
-    ) -> Result<(), PartsError> {
+    ) -> Result<(), SnapshotError> {
         let name = self.name(name);
         if !self.restoring {
             let (rows, columns) = (matrix.nrows(), matrix.ncols());
@@ -237,7 +237,7 @@ impl Parts {
     ///
     /// # Errors
     /// The part is missing or of another kind.
-    pub fn random(&mut self, name: &str, random: &mut ChaCha8Rng) -> Result<(), PartsError> {
+    pub fn random(&mut self, name: &str, random: &mut ChaCha8Rng) -> Result<(), SnapshotError> {
         let mut state = (random.get_seed(), random.get_stream(), random.get_word_pos().to_string());
         self.value(name, &mut state)?;
         let (seed, stream, place) = state;
@@ -251,7 +251,7 @@ impl Parts {
     ///
     /// # Errors
     /// Unless it `fits`.
-    pub fn check(&self, name: &str, fits: bool, cause: &str) -> Result<(), PartsError> {
+    pub fn check(&self, name: &str, fits: bool, cause: &str) -> Result<(), SnapshotError> {
         if fits { Ok(()) } else { Err(wrong(&self.name(name), cause)) }
     }
 
@@ -259,8 +259,8 @@ impl Parts {
         format!("{}{name}", self.within)
     }
 
-    fn find<E: Element>(&self, name: &str) -> Result<(usize, usize, &[E]), PartsError> {
-        let matrix = self.matrices.get(name).ok_or_else(|| PartsError::Missing(name.to_owned()))?;
+    fn find<E: Element>(&self, name: &str) -> Result<(usize, usize, &[E]), SnapshotError> {
+        let matrix = self.matrices.get(name).ok_or_else(|| SnapshotError::Missing(name.to_owned()))?;
         let values = E::of(&matrix.values).ok_or_else(|| wrong(name, "another kind of number"))?;
         if matrix.rows.checked_mul(matrix.columns) != Some(values.len()) {
             return Err(wrong(name, format!("{} values for {} × {}", values.len(), matrix.rows, matrix.columns)));
@@ -270,12 +270,12 @@ impl Parts {
 }
 
 /// Two parts of one name would be given back as one.
-fn once(name: &str, first: bool) -> Result<(), PartsError> {
+fn once(name: &str, first: bool) -> Result<(), SnapshotError> {
     if first { Ok(()) } else { Err(wrong(name, "two parts have this name")) }
 }
 
-fn wrong(name: &str, cause: impl std::fmt::Display) -> PartsError {
-    PartsError::Wrong { name: name.to_owned(), cause: cause.to_string() }
+fn wrong(name: &str, cause: impl std::fmt::Display) -> SnapshotError {
+    SnapshotError::Wrong { name: name.to_owned(), cause: cause.to_string() }
 }
 
 #[cfg(test)]
@@ -293,12 +293,12 @@ mod tests {
     }
 
     impl Persist for Thing {
-        fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
-            parts.matrix("matrix", &mut self.matrix, |rows, columns| (2 * rows, columns))?;
-            parts.numbers("pixels", &mut self.pixels)?;
-            parts.value("count", &mut self.count)?;
-            parts.number("share", &mut self.share)?;
-            parts.random("random", &mut self.random)
+        fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
+            snapshot.matrix("matrix", &mut self.matrix, |rows, columns| (2 * rows, columns))?;
+            snapshot.numbers("pixels", &mut self.pixels)?;
+            snapshot.value("count", &mut self.count)?;
+            snapshot.number("share", &mut self.share)?;
+            snapshot.random("random", &mut self.random)
         }
     }
 
@@ -310,18 +310,18 @@ mod tests {
         Thing { matrix, pixels: vec![1, 2, 255], count: u64::MAX, share: 0.1 + 0.2, random }
     }
 
-    fn put_away(thing: &mut Thing) -> Parts {
-        let mut parts = Parts::new();
-        parts.inner("thing", thing).unwrap();
-        parts
+    fn put_away(thing: &mut Thing) -> Snapshot {
+        let mut snapshot = Snapshot::new();
+        snapshot.inner("thing", thing).unwrap();
+        snapshot
     }
 
     #[test]
     fn what_was_put_away_comes_back_bit_for_bit_and_goes_on_alike() {
         let mut one = thing(1);
-        let parts = put_away(&mut one);
+        let snapshot = put_away(&mut one);
         let mut other = thing(2);
-        let mut restoring = Parts::restoring(parts.matrices, parts.texts);
+        let mut restoring = Snapshot::restoring(snapshot.matrices, snapshot.texts);
         restoring.inner("thing", &mut other).unwrap();
         assert_eq!((&one.matrix, &one.pixels, one.count), (&other.matrix, &other.pixels, other.count));
         assert_eq!(one.share.to_bits(), other.share.to_bits());
@@ -332,18 +332,22 @@ mod tests {
 
     #[test]
     fn parts_that_are_missing_or_wrong_are_named() {
-        let restore = |change: &dyn Fn(&mut Parts)| {
-            let mut parts = put_away(&mut thing(1));
-            change(&mut parts);
-            Parts::restoring(parts.matrices, parts.texts).inner("thing", &mut thing(2)).unwrap_err().to_string()
+        let restore = |change: &dyn Fn(&mut Snapshot)| {
+            let mut snapshot = put_away(&mut thing(1));
+            change(&mut snapshot);
+            Snapshot::restoring(snapshot.matrices, snapshot.texts)
+                .inner("thing", &mut thing(2))
+                .unwrap_err()
+                .to_string()
         };
-        let without = restore(&|parts| drop(parts.matrices.remove("thing.matrix")));
+        let without = restore(&|snapshot| drop(snapshot.matrices.remove("thing.matrix")));
         assert_eq!(without, "thing.matrix is missing");
-        let short = restore(&|parts| parts.matrices.get_mut("thing.matrix").unwrap().rows = usize::MAX);
+        let short = restore(&|snapshot| snapshot.matrices.get_mut("thing.matrix").unwrap().rows = usize::MAX);
         assert!(short.starts_with("thing.matrix: 12 values for"), "{short}");
-        let kind = restore(&|parts| parts.matrices.get_mut("thing.pixels").unwrap().values = Values::F32(vec![0.0; 3]));
+        let kind =
+            restore(&|snapshot| snapshot.matrices.get_mut("thing.pixels").unwrap().values = Values::F32(vec![0.0; 3]));
         assert_eq!(kind, "thing.pixels: another kind of number");
-        let text = restore(&|parts| drop(parts.texts.insert("thing.count".into(), "-1".into())));
+        let text = restore(&|snapshot| drop(snapshot.texts.insert("thing.count".into(), "-1".into())));
         assert!(text.starts_with("thing.count: "), "{text}");
     }
 }

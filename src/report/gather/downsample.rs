@@ -2,7 +2,7 @@
 
 /// Keeps at most a number of entries: when there are more, neighbours are merged, again and again.
 #[derive(Debug, Clone)]
-pub struct Thin<T> {
+pub struct Downsample<T> {
     most: usize,
     /// Entries that were merged into each of `items`.
     stride: usize,
@@ -14,15 +14,15 @@ pub struct Thin<T> {
     offered: u64,
 }
 
-impl<T> Thin<T> {
+impl<T> Downsample<T> {
     /// An empty series of at most `most` entries, an even number; `merge` puts an entry into the one before.
     pub fn new(most: usize, merge: fn(&mut T, T)) -> Self {
-        Thin { most: most.max(2) / 2 * 2, stride: 1, items: Vec::new(), open: None, merge, offered: 0 }
+        Downsample { most: most.max(2) / 2 * 2, stride: 1, items: Vec::new(), open: None, merge, offered: 0 }
     }
 
     /// An empty series that keeps the first of each group of neighbours.
     pub fn first_of(most: usize) -> Self {
-        Thin::new(most, |_, _| {})
+        Downsample::new(most, |_, _| {})
     }
 
     /// One more entry.
@@ -83,7 +83,7 @@ mod tests {
 
     #[test]
     fn memory_is_bounded_and_nothing_high_is_lost() {
-        let mut series = Thin::new(100, |a: &mut u64, b| *a = (*a).max(b));
+        let mut series = Downsample::new(100, |a: &mut u64, b| *a = (*a).max(b));
         for i in 0..123_457u64 {
             series.push(if i == 70_001 { 1_000_000 } else { i });
             assert!(series.iter().count() <= 101);
@@ -96,7 +96,7 @@ mod tests {
 
     #[test]
     fn the_first_of_each_group_is_kept_at_even_distances() {
-        let mut series = Thin::first_of(8);
+        let mut series = Downsample::first_of(8);
         let mut made = 0;
         for i in 0..1000u64 {
             let make = || -> Result<u64, ()> {

@@ -11,7 +11,7 @@ use crate::robot::Pose;
 use crate::scenario::{Detail, Scenario};
 use crate::vision::Image;
 use crate::vision::{Observation, observe};
-use crate::world::{Looks, World};
+use crate::world::{Appearance, World};
 
 /// Headings, counter-clockwise from the x-axis.
 pub const HEADINGS: usize = 8;
@@ -31,7 +31,7 @@ const BLOCK: usize = 32;
 /// More products than this, and the grid is made coarser: some ten seconds of two cores.
 const MOST_PRODUCTS: f64 = 2e12;
 
-/// How finely a survey looks.
+/// How finely a room_maps looks.
 #[derive(Debug, Clone, Copy)]
 pub struct Fineness {
     /// Places along the longer and the shorter side of the room.
@@ -55,7 +55,7 @@ pub type Map = Vec<f64>;
 
 /// What was learned, at all places and headings.
 #[derive(Debug, Clone)]
-pub struct Survey {
+pub struct RoomMaps {
     /// The places.
     pub grid: Grid,
     /// Of the first features, without the constant one, a map for each heading.
@@ -79,7 +79,7 @@ struct Look {
     tasks: Vec<(f64, usize)>,
 }
 
-impl Survey {
+impl RoomMaps {
     /// Look around at every place of a grid that the robot can reach, through a camera without noise.
     pub fn new(scenario: &Scenario, world: &World, learned: &Learned) -> Self {
         Self::with(Fineness::FULL, scenario, world, learned)
@@ -93,10 +93,10 @@ impl Survey {
         let own = coarse.then(|| {
             let mut scenario = scenario.clone();
             scenario.camera.detail = Detail::Vision;
-            Looks::new(&scenario).ok()
+            Appearance::new(&scenario).ok()
         });
         let own = own.flatten();
-        let (seen_by, frame) = (own.as_ref().unwrap_or(&world.looks), learned.asked_at + 1);
+        let (seen_by, frame) = (own.as_ref().unwrap_or(&world.appearance), learned.asked_at + 1);
         let places: Vec<[f64; 2]> = grid.points().collect();
         let inside: Vec<usize> = (0..places.len()).filter(|&i| world.plan.is_reachable(places[i].into())).collect();
         let shown = FEATURES.min(learned.model.slowness.len());
@@ -104,12 +104,12 @@ impl Survey {
             let pose = |i: usize, h: usize| Pose::new(places[i].into(), angle(h));
             let mut poses: Vec<Pose> = block.iter().flat_map(|&i| (0..HEADINGS).map(move |h| pose(i, h))).collect();
             let observe = |_: &mut Pose, image: &mut Image| observe(image, &scenario.vision, 0);
-            looks(learned, &seen_by.see_all(frame, &mut poses, |&pose| (pose, 0), observe), shown)
+            appearance(learned, &seen_by.see_all(frame, &mut poses, |&pose| (pose, 0), observe), shown)
         };
         let looked: Vec<Vec<Look>> = inside.par_chunks(BLOCK).map(look).collect();
         let empty = || std::array::from_fn(|_| vec![f64::NAN; places.len()]);
         let tasks = learned.weights.len();
-        let mut survey = Survey {
+        let mut room_maps = RoomMaps {
             grid,
             features: (0..shown).map(|_| empty()).collect(),
             values: (0..tasks).map(|_| empty()).collect(),
@@ -118,15 +118,15 @@ impl Survey {
         };
         for (number, look) in looked.iter().flatten().enumerate() {
             let (place, heading) = (inside[number / HEADINGS], number % HEADINGS);
-            for (maps, &value) in survey.features.iter_mut().zip(&look.features) {
+            for (maps, &value) in room_maps.features.iter_mut().zip(&look.features) {
                 maps[heading][place] = value;
             }
             for (task, &(value, action)) in look.tasks.iter().enumerate() {
-                survey.values[task][heading][place] = value;
-                survey.best[task][heading][place] = action as f64;
+                room_maps.values[task][heading][place] = value;
+                room_maps.best[task][heading][place] = action as f64;
             }
         }
-        survey
+        room_maps
     }
 
     /// Value of a task at each place, mean over all headings, and the heading of the highest value.
@@ -141,7 +141,7 @@ impl Survey {
     }
 }
 
-/// The places of a survey, the longer side along the room's.
+/// The places of a room_maps, the longer side along the room's.
 fn grid(fineness: Fineness, world: &World, learned: &Learned) -> Grid {
     let (low, high) = world.plan.reachable_box();
     let size = high - low;
@@ -158,7 +158,7 @@ fn grid(fineness: Fineness, world: &World, learned: &Learned) -> Grid {
 }
 
 /// Features of observations, and what the policies make of them.
-fn looks(learned: &Learned, seen: &[Observation], shown: usize) -> Vec<Look> {
+fn appearance(learned: &Learned, seen: &[Observation], shown: usize) -> Vec<Look> {
     let phi = learned.features(columns(seen.iter()).as_ref(), Par::Seq);
     let values = learned.q_values_of(phi.as_ref());
     let best = |values: &faer::Mat<f64>, j: usize| {
@@ -177,5 +177,5 @@ fn looks(learned: &Learned, seen: &[Observation], shown: usize) -> Vec<Look> {
 /// Features of recorded observations, `shown` for each, where there is no world to look at.
 pub fn features_of(learned: &Learned, seen: &[Observation], shown: usize) -> Vec<Vec<f64>> {
     let blocks = seen.par_chunks(BLOCK * HEADINGS);
-    blocks.flat_map_iter(|block| looks(learned, block, shown)).map(|look| look.features).collect()
+    blocks.flat_map_iter(|block| appearance(learned, block, shown)).map(|look| look.features).collect()
 }

@@ -15,7 +15,7 @@ use crate::agent::{CHECKPOINT_NAME, read_checkpoint};
 use crate::log::{FilesReader, Record, log_files};
 use crate::policy::{Learned, columns};
 use crate::report::gather::{Gathered, ROOM};
-use crate::report::survey::{Fineness, HEADINGS, Survey};
+use crate::report::maps::{Fineness, HEADINGS, RoomMaps};
 use crate::robot::Pose;
 use crate::scenario::Scenario;
 use crate::vision::Observation;
@@ -187,7 +187,7 @@ impl Lookout {
         let (scenario, world, learned) = (scenario.clone(), world.clone(), learned.clone());
         let (send, coming) = bounded(1);
         pool.spawn(move || {
-            let maps = maps_of(&Survey::with(FINENESS, &scenario, &world, &learned), learned.epoch);
+            let maps = maps_of(&RoomMaps::with(FINENESS, &scenario, &world, &learned), learned.epoch);
             // Whoever wanted it may be gone.
             let _ = send.send(maps);
         });
@@ -225,8 +225,8 @@ impl Lookout {
     /// What the camera sees at a pose, without the noise of its sensor: the log keeps what vision made of it alone.
     pub fn camera(&self, frame: u64, pose: &Pose) -> Option<Picture> {
         let (_, world) = self.room.as_ref().filter(|_| self.simulated)?;
-        let image = world.looks.render(pose, frame);
-        let light = world.looks.light(frame);
+        let image = world.appearance.render(pose, frame);
+        let light = world.appearance.light(frame);
         let every = image.width.div_ceil(WIDEST).max(1);
         let (width, height) = (image.width / every, image.height / every);
         let lit = |value: u8| (f64::from(value) * light).round().clamp(0.0, 255.0) as u8;
@@ -239,9 +239,9 @@ impl Lookout {
     }
 }
 
-fn maps_of(survey: &Survey, epoch: u32) -> Maps {
-    let grid = survey.grid;
-    let worth: Vec<Vec<(f64, usize)>> = (0..survey.values.len()).map(|task| survey.worth(task)).collect();
+fn maps_of(room_maps: &RoomMaps, epoch: u32) -> Maps {
+    let grid = room_maps.grid;
+    let worth: Vec<Vec<(f64, usize)>> = (0..room_maps.values.len()).map(|task| room_maps.worth(task)).collect();
     let turn = std::f64::consts::TAU / HEADINGS as f64;
     let mean = |maps: &[Vec<f64>; HEADINGS]| {
         let places = 0..grid.columns * grid.rows;
@@ -258,7 +258,7 @@ fn maps_of(survey: &Survey, epoch: u32) -> Maps {
             .iter()
             .map(|places| places.iter().map(|place| finely(turn * place.1 as f64)).collect())
             .collect(),
-        features: survey.features.iter().take(FEATURES).map(mean).collect(),
+        features: room_maps.features.iter().take(FEATURES).map(mean).collect(),
     }
 }
 

@@ -1,15 +1,15 @@
-//! What the robot is up to: legs of exploration and of pursuit, mixed by the scenario's schedule.
+//! What the robot is up to: periods of exploration and of pursuit, mixed by the scenario's schedule.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use crate::parts::{Parts, PartsError, Persist};
 use crate::scenario::{Scenario, Then};
+use crate::snapshot::{Persist, Snapshot, SnapshotError};
 
-/// What a leg is for.
+/// What the robot does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Leg {
+pub enum Behaviour {
     /// Random walk.
     Explore,
     /// The greedy policy of a task, by its number.
@@ -25,47 +25,47 @@ pub struct Tally {
     pub ended: usize,
 }
 
-/// The schedule of legs.
+/// When to explore and when to pursue a goal.
 ///
 /// The share of pursuits is 0 during `explore_actions` and then rises linearly to `pursue_share` at the end of the run.
 #[derive(Debug, Clone)]
-pub struct Behaviour {
+pub struct BehaviourSchedule {
     scenario_actions: usize,
     explore_actions: usize,
     pursue_share: f64,
-    explore_leg: usize,
-    pursue_leg: usize,
+    explore_length: usize,
+    pursue_timeout: usize,
     then: Vec<Then>,
     rng: ChaCha8Rng,
-    leg: Leg,
+    leg: Behaviour,
     left: usize,
     last_task: usize,
     tallies: Vec<Tally>,
 }
 
-impl Behaviour {
-    /// The schedule of a scenario; `rng` draws the legs.
+impl BehaviourSchedule {
+    /// The schedule of a scenario; `rng` draws what comes next.
     pub fn new(scenario: &Scenario, rng: ChaCha8Rng) -> Self {
         let policy = &scenario.policy;
-        Behaviour {
+        BehaviourSchedule {
             scenario_actions: scenario.actions,
             explore_actions: policy.explore_actions,
             pursue_share: policy.pursue_share,
-            explore_leg: policy.explore_leg,
-            pursue_leg: policy.pursue_leg,
+            explore_length: policy.explore_length,
+            pursue_timeout: policy.pursue_timeout,
             then: scenario.tasks.iter().map(|task| task.then).collect(),
             rng,
-            leg: Leg::Explore,
+            leg: Behaviour::Explore,
             left: 0,
             last_task: scenario.tasks.len() - 1,
             tallies: vec![Tally::default(); scenario.tasks.len()],
         }
     }
 
-    /// The leg of action number `action` (from 0). `in_goal`: which tasks' goals the robot is in now; `able`: whether
+    /// The behaviour for action number `action` (from 0). `in_goal`: which tasks' goals the robot is in now; `able`: whether
     /// there is a policy to pursue with.
-    pub fn next(&mut self, action: usize, in_goal: &[bool], able: bool) -> Leg {
-        if let Leg::Pursue(task) = self.leg
+    pub fn next(&mut self, action: usize, in_goal: &[bool], able: bool) -> Behaviour {
+        if let Behaviour::Pursue(task) = self.leg
             && (in_goal[task] || self.left == 0)
         {
             self.tallies[task].ended += 1;
@@ -93,9 +93,9 @@ impl Behaviour {
         (self.leg, self.left) = match next {
             Some(task) if pursue => {
                 self.last_task = task;
-                (Leg::Pursue(task), self.pursue_leg)
+                (Behaviour::Pursue(task), self.pursue_timeout)
             }
-            _ => (Leg::Explore, self.explore_leg),
+            _ => (Behaviour::Explore, self.explore_length),
         };
     }
 
@@ -106,18 +106,18 @@ impl Behaviour {
     }
 }
 
-impl Persist for Behaviour {
-    fn persist(&mut self, parts: &mut Parts) -> Result<(), PartsError> {
+impl Persist for BehaviourSchedule {
+    fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
         let tasks = self.tallies.len();
-        parts.random("random", &mut self.rng)?;
-        parts.value("leg", &mut self.leg)?;
-        parts.value("left", &mut self.left)?;
-        parts.value("last_task", &mut self.last_task)?;
-        parts.value("tallies", &mut self.tallies)?;
+        snapshot.random("random", &mut self.rng)?;
+        snapshot.value("leg", &mut self.leg)?;
+        snapshot.value("left", &mut self.left)?;
+        snapshot.value("last_task", &mut self.last_task)?;
+        snapshot.value("tallies", &mut self.tallies)?;
         let known = match self.leg {
-            Leg::Pursue(task) => task < tasks,
-            Leg::Explore => true,
+            Behaviour::Pursue(task) => task < tasks,
+            Behaviour::Explore => true,
         };
-        parts.check("tallies", known && self.last_task < tasks && self.tallies.len() == tasks, "other tasks")
+        snapshot.check("tallies", known && self.last_task < tasks && self.tallies.len() == tasks, "other tasks")
     }
 }

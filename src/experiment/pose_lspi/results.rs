@@ -7,7 +7,7 @@ use super::{Fitted, Found, Kind, REGIME, VARIANTS};
 use crate::report::draw::Axis;
 
 /// What was found, for showing it.
-pub struct Shown {
+pub struct Findings {
     /// By kind of transitions, training set and number of features.
     pub found: Found,
     /// Transitions of the training sets.
@@ -24,7 +24,7 @@ fn converged(fitted: &[Fitted]) -> f64 {
     fitted.iter().filter(|fitted| fitted.converged).count() as f64 / fitted.len().max(1) as f64
 }
 
-impl Shown {
+impl Findings {
     /// Steps more than the reference policy, as the thesis plots them: from the mean quality.
     fn more(&self, fitted: &[Fitted]) -> Option<f64> {
         let mean = band(fitted, |quality| Some(quality.to_reference))?.mean;
@@ -233,7 +233,7 @@ mod tests {
         let at = |good: bool| [fitted(if good { 0.95 } else { 0.5 }), Vec::new(), Vec::new()];
         let good = [(10, false), (20, true), (30, true), (40, false), (50, true)];
         let found = good.into_iter().map(|(d, good)| ((Kind::Blocked, 0, d), at(good))).collect();
-        let shown = Shown { found, sets: [100, 50], gamma: 0.9 };
+        let shown = Findings { found, sets: [100, 50], gamma: 0.9 };
         assert_eq!(shown.regime(Kind::Blocked, 0, 0), Some((20, 30)));
         assert_eq!((shown.regime(Kind::Blocked, 1, 0), shown.regime(Kind::Thesis, 0, 0)), (None, None));
         assert!((shown.more(&fitted(0.81)).unwrap() - 2.0).abs() < 1e-9);

@@ -17,7 +17,7 @@ const MOST_PIXELS: usize = 1 << 24;
 
 /// The looks of a scenario's world from its first frame to its last.
 #[derive(Debug)]
-pub struct Looks {
+pub struct Appearance {
     /// Walls as they look from a frame on, in order; the first from frame 0.
     cameras: Vec<(u64, Arc<Camera>)>,
     /// First frame, last frame, brightness at the end of it, in order.
@@ -31,13 +31,13 @@ pub struct Looks {
     batch: Batch,
 }
 
-impl Looks {
+impl Appearance {
     /// The looks of a checked scenario.
     ///
     /// # Errors
     /// A texture file that cannot be read any more.
     pub fn new(scenario: &Scenario) -> Result<Self, ::image::ImageError> {
-        let mut looks = Looks {
+        let mut appearance = Appearance {
             cameras: vec![(0, Arc::new(Camera::new(scenario)?))],
             light: Vec::new(),
             frozen: Vec::new(),
@@ -54,24 +54,24 @@ impl Looks {
             let first = change.first_frame(&scenario.robot);
             match &change.what {
                 Happens::Light { factor, over } => {
-                    looks.light.push((first, first + *over as u64 * per_action, *factor))
+                    appearance.light.push((first, first + *over as u64 * per_action, *factor))
                 }
-                Happens::Paper { wall, texture } => {
+                Happens::Texture { wall, texture } => {
                     present.world.walls[*wall].texture = texture.clone();
-                    looks.cameras.push((first, Arc::new(Camera::new(&present)?)));
+                    appearance.cameras.push((first, Arc::new(Camera::new(&present)?)));
                 }
                 // Nothing that one sees.
                 Happens::Goal { .. } => {}
-                Happens::Freeze { frames } => looks.frozen.push((first, first + *frames as u64 - 1)),
-                Happens::Lose { frames } => looks.lost.push((first, first + *frames as u64 - 1)),
+                Happens::Freeze { frames } => appearance.frozen.push((first, first + *frames as u64 - 1)),
+                Happens::Lose { frames } => appearance.lost.push((first, first + *frames as u64 - 1)),
             }
         }
-        Ok(looks)
+        Ok(appearance)
     }
 
     /// The same, with all pictures by a device, whatever the scenario says.
     pub fn on(self, gpu: Arc<Gpu>) -> Self {
-        Looks { batch: Batch::on(gpu), ..self }
+        Appearance { batch: Batch::on(gpu), ..self }
     }
 
     /// The walls as they look at a frame.
@@ -101,7 +101,7 @@ impl Looks {
         }
     }
 
-    /// Do something with what the camera sees at a frame from the place of each item, as [`Looks::render_into`] has it. The views
+    /// Do something with what the camera sees at a frame from the place of each item, as [`Appearance::render_into`] has it. The views
     /// are rendered by a device, if there is one that is the better choice for so many; the rest is done on all threads.
     pub fn see_all<T: Send, R: Send>(
         &self,
@@ -155,7 +155,7 @@ impl Looks {
     pub fn missing_device(&self) -> Option<String> {
         let by = self.batch.by()?;
         match by.failed {
-            Some(failed) => Some(format!("pictures: {failed}; the processor went on")),
+            Some(failed) => Some(format!("images: {failed}; the processor went on")),
             None if self.batch.asks_for_device() && by.gpu.is_none() => {
                 Some(format!("world.renderer is \"gpu\", and the processor renders: {}", by.why))
             }
