@@ -25,6 +25,7 @@
 //! | module | what it is |
 //! |---|---|
 //! | [`scenario`] | what to run: a TOML file as checked values |
+//! | [`robot`] | what a robot is: its actions, how they move it, which undo which; poses |
 //! | [`source`] | where frames come from |
 //! | [`world`] | the simulated world: walls, robot, sonar, camera |
 //! | [`vision`] | camera image → observation |
@@ -33,14 +34,14 @@
 //! | [`regression`] | least squares, ridge, kernel ridge, validation |
 //! | [`slow`] | moments and slow features: linear, expanded, kernel, hierarchical; theory, other objectives, ICA |
 //! | [`value`] | transitions, local values, LSTD, LSQ, LSPI; finite processes with exact answers, small worlds |
-//! | [`policy`] | exploration, pursuit, reflexes, reference, optimum |
-//! | [`agent`] | the actors and their queues |
+//! | [`policy`] | exploration, pursuit, reflexes |
+//! | [`agent`] | the actors, and what they run on |
 //! | [`log`] | messages, CDR, writer, reader |
 //! | [`gpu`] | a graphics processor, where there is one |
 //! | [`snapshot`] | objects saved and restored, bit for bit |
 //! | [`replay`] | a recorded run once more; two runs side by side |
 //! | [`export`] | a recorded run as arrays for Python |
-//! | [`evaluate`] | trials, convergence quality, pose decoding |
+//! | [`evaluate`] | trials, optimum, reference, convergence quality, pose decoding |
 //! | [`report`] | what a run came to |
 //! | [`experiment`] | the thesis's experiments, its figures beside ours |
 //! | [`live`] | a run, watched while it goes on: terminal, local web page |
@@ -65,6 +66,23 @@
 //!
 //! Two tutorials stand in `examples/`: `wiskott` (a slow signal hidden in fast ones) and `chain_walk` (policy iteration and
 //! how it can fail); and one measurement, `outlook` (whether the ideas of the thesis's outlook help policy iteration).
+//!
+//! # As a library
+//!
+//! ```toml
+//! [dependencies]
+//! adagio = { path = "../adagio", default-features = false }   # the mathematics alone; features add the rest
+//! ```
+//!
+//! Matrices are those of [`faer`], re-exported here so that versions fit. One observation is a column; a slice of samples one
+//! after another is a matrix without a copy: `faer::MatRef::from_column_major_slice(&samples, channels, count)`.
+//!
+//! | feature | adds |
+//! |---|---|
+//! | `rayon` | threads; results have the same bits without |
+//! | `snapshot` | saving and restoring dictionaries, moments, streams |
+//! | `agent` | scenarios, simulator, actors, log, replay, export |
+//! | `report`, `live`, `gpu`, `cli` | reports and experiments; watching; graphics processors; the program |
 //!
 //! # Slow features of a stream, without any robot
 //!

@@ -23,7 +23,7 @@ struct Sensed {
     moved: Vec<GoalMove>,
 }
 
-/// A recorded run as the source of frames. What it is told to do changes nothing: the robot did what it did.
+/// A recorded run as the source of frames. Commands change nothing: the robot did what it did.
 ///
 /// Goals that were moved in the recording are moved again, where the scenario has a task of that name.
 pub struct Recorded {

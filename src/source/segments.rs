@@ -12,7 +12,7 @@
 //! 3. A stretch of one kind is cut into actions: at the frame at which a whole one is done most nearly, and so on. What is
 //!    left at its end is an action of its own if it is at least half of one; if it is less, it belongs to the action
 //!    before, or, where the stretch was no longer, to none.
-//! 4. Where the robot was told to drive ahead and stood, the share that it was told counts as done, so that pushing against
+//! 4. Where the robot was commanded to drive ahead and stood, the share that was commanded counts as done, so that pushing against
 //!    a wall is an action, too. It is *blocked* when that makes up half of it or more.
 //!
 //! What is held in memory is less than two actions, and never more than [`MOST_HELD`] frames.
@@ -33,7 +33,7 @@ pub const STILL: f64 = 0.1;
 /// Standing still has gained enough after half of the time of an action.
 const STOP: f64 = STILL / 2.0;
 
-/// What is left of a stretch is an action from this share on; a share that was told and not done makes it blocked.
+/// What is left of a stretch is an action from this share on; a share that was commanded and not done makes it blocked.
 const HALF: f64 = 0.5;
 
 /// A robot that does this many actions in the time of one, and one more, was put there: its pose has jumped.
@@ -67,14 +67,14 @@ pub struct Step {
 }
 
 impl Rule {
-    /// The motion between two poses that are `seconds` apart, while the robot was told to drive `told` metres ahead.
-    pub fn step(&self, from: &Pose, to: &Pose, seconds: f64, told: f64) -> Step {
+    /// The motion between two poses that are `seconds` apart, while the robot was commanded to drive `commanded` metres ahead.
+    pub fn step(&self, from: &Pose, to: &Pose, seconds: f64, commanded: f64) -> Step {
         let turned = wrap(to.heading - from.heading);
         let between = Pose::new(from.position, from.heading + turned / 2.0);
         let ahead = (to.position - from.position).dot(&between.direction()) / self.forward;
-        let (turned, duration, told) = (turned / self.turn, seconds / self.seconds, told / self.forward);
+        let (turned, duration, commanded) = (turned / self.turn, seconds / self.seconds, commanded / self.forward);
         let stands = ahead.abs().max(turned.abs()) < STILL * duration;
-        let stuck = if stands && told > STILL * duration { told } else { 0.0 };
+        let stuck = if stands && commanded > STILL * duration { commanded } else { 0.0 };
         Step { ahead, turned, stuck, duration }
     }
 
@@ -312,13 +312,13 @@ mod tests {
             Drive { pose: Pose::new(Point2::origin(), 0.4), cutter: Cutter::default(), segments: Vec::new() }
         }
 
-        /// For some frames, metres and radians a second; `told`: metres a second that are commanded.
-        fn go(mut self, frames: usize, speed: f64, turn: f64, told: f64) -> Self {
+        /// For some frames, metres and radians a second; `commanded`: metres a second that are commanded.
+        fn go(mut self, frames: usize, speed: f64, turn: f64, commanded: f64) -> Self {
             for _ in 0..frames {
                 let heading = self.pose.heading + turn / FPS / 2.0;
                 let moved = Pose::new(Point2::origin(), heading).direction() * (speed / FPS);
                 let next = Pose::new(self.pose.position + moved, self.pose.heading + turn / FPS);
-                self.cutter.push(RULE.step(&self.pose, &next, 1.0 / FPS, told / FPS));
+                self.cutter.push(RULE.step(&self.pose, &next, 1.0 / FPS, commanded / FPS));
                 self.pose = next;
             }
             self

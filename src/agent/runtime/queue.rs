@@ -80,7 +80,7 @@ impl<T> Outbox<T> {
         !self.sender.is_full()
     }
 
-    /// Put a message in at once: where there is no room, the oldest ones go. `taker` is the other end of this queue, of which
+    /// Put a message in without waiting: where there is no room, the oldest ones go. `taker` is the other end of this queue, of which
     /// this side then holds a share: it does not notice any more that the other one has gone. How many went.
     pub fn put_newest(&self, message: T, taker: &Inbox<T>) -> u64 {
         let (mut message, mut dropped) = (message, 0);

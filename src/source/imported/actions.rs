@@ -5,13 +5,13 @@ use std::collections::VecDeque;
 use crate::robot::Action;
 use crate::source::{Segment, Step};
 
-/// An action that is told lasts no longer than this many usual durations; later frames belong to none.
+/// A recorded action lasts no longer than this many usual durations; later frames belong to none.
 const LONGEST: f64 = 2.0;
 
 /// Less than this share of an action ahead is being blocked; an action that was cut off after less of its duration is none.
 const HALF: f64 = 0.5;
 
-/// Frames by the actions that were told.
+/// Frames by the recorded actions.
 #[derive(Debug, Default)]
 pub struct RecordedActions {
     action: Option<Action>,
@@ -65,26 +65,26 @@ impl RecordedActions {
 mod tests {
     use super::*;
 
-    fn steps(told: &mut RecordedActions, frames: usize, ahead: f64) {
+    fn steps(commanded: &mut RecordedActions, frames: usize, ahead: f64) {
         for _ in 0..frames {
-            told.push(Step { ahead, duration: 0.2, ..Step::default() });
+            commanded.push(Step { ahead, duration: 0.2, ..Step::default() });
         }
     }
 
     #[test]
     fn each_action_lasts_to_the_next_but_not_for_ever() {
-        let mut told = RecordedActions::default();
-        steps(&mut told, 3, 0.0);
-        told.begin(Some(Action::FORWARD));
-        steps(&mut told, 5, 0.2);
-        told.begin(Some(Action::FORWARD));
-        steps(&mut told, 5, 0.05);
-        told.begin(Some(Action::TURN_LEFT));
-        steps(&mut told, 14, 0.0);
-        told.begin(Some(Action::TURN_RIGHT));
-        steps(&mut told, 2, 0.0);
-        told.interrupt();
-        let found: Vec<_> = std::iter::from_fn(|| told.finished())
+        let mut commanded = RecordedActions::default();
+        steps(&mut commanded, 3, 0.0);
+        commanded.begin(Some(Action::FORWARD));
+        steps(&mut commanded, 5, 0.2);
+        commanded.begin(Some(Action::FORWARD));
+        steps(&mut commanded, 5, 0.05);
+        commanded.begin(Some(Action::TURN_LEFT));
+        steps(&mut commanded, 14, 0.0);
+        commanded.begin(Some(Action::TURN_RIGHT));
+        steps(&mut commanded, 2, 0.0);
+        commanded.interrupt();
+        let found: Vec<_> = std::iter::from_fn(|| commanded.finished())
             .map(|s| (s.frames, s.action.map(Action::index), s.blocked))
             .collect();
         // The last one was cut off after 0.4 of its duration.

@@ -76,19 +76,19 @@ impl Cutting {
     fn interrupt(&mut self) {
         match self {
             Cutting::Motion(cutter) => cutter.interrupt(),
-            Cutting::RecordedActions(told) => told.interrupt(),
+            Cutting::RecordedActions(commanded) => commanded.interrupt(),
         }
     }
 
     fn finished(&mut self) -> Option<Segment> {
         match self {
             Cutting::Motion(cutter) => cutter.finished(),
-            Cutting::RecordedActions(told) => told.finished(),
+            Cutting::RecordedActions(commanded) => commanded.finished(),
         }
     }
 }
 
-/// Another program's log as the source of frames. What it is told to do changes nothing.
+/// Another program's log as the source of frames. Commands change nothing.
 pub struct Imported {
     scenario: Arc<Scenario>,
     rule: Rule,
@@ -242,7 +242,7 @@ impl Imported {
                 self.report.gaps += u64::from(is_gap);
                 self.report.jumps += u64::from(!is_gap);
             } else {
-                let step = self.rule.step(&last.pose, &sensed.pose, seconds, sensed.told);
+                let step = self.rule.step(&last.pose, &sensed.pose, seconds, sensed.commanded);
                 self.cut(step, sensed.stamp_ns);
             }
         }
@@ -253,12 +253,12 @@ impl Imported {
     fn cut(&mut self, step: Step, stamp_ns: u64) {
         match &mut self.cutting {
             Cutting::Motion(cutter) => cutter.push(step),
-            Cutting::RecordedActions(told) => {
+            Cutting::RecordedActions(commanded) => {
                 // The image that shows how an action began is the last one of the action before.
                 while let Some((_, action)) = self.senses.action_before(stamp_ns) {
-                    told.begin(action);
+                    commanded.begin(action);
                 }
-                told.push(step);
+                commanded.push(step);
             }
         }
     }

@@ -32,7 +32,7 @@ pub struct Sensed {
     /// Distances, the first straight ahead, counter-clockwise, metres.
     pub sonar: Vec<f32>,
     /// What was commanded since the image before, metres ahead.
-    pub told: f64,
+    pub commanded: f64,
 }
 
 /// What could not be used.
@@ -129,8 +129,8 @@ impl Senses {
                 let Waiting { stamp_ns, pixels } = self.waiting.pop_front()?;
                 match pose {
                     Some(pose) => {
-                        let (sonar, told) = (self.sonar_at(stamp_ns), self.told_until(stamp_ns));
-                        return Some(Sensed { stamp_ns, pixels, pose, sonar, told });
+                        let (sonar, commanded) = (self.sonar_at(stamp_ns), self.told_until(stamp_ns));
+                        return Some(Sensed { stamp_ns, pixels, pose, sonar, commanded });
                     }
                     None => self.unused.without_pose += 1,
                 }
@@ -225,7 +225,7 @@ impl Senses {
         Ok(())
     }
 
-    /// The pose of the first image that waits: `None` if it cannot be told yet, `Some(None)` if it never can.
+    /// The pose of the first image that waits: `None` if it is not known yet, `Some(None)` if it never can.
     fn pose_of_first(&mut self) -> Option<Option<Pose>> {
         let stamp = self.waiting.front()?.stamp_ns;
         // The last pose that is not after the image stays.
@@ -271,13 +271,13 @@ impl Senses {
     /// Metres ahead that were commanded from where the last image was counted to this one. A command holds until the next,
     /// but no longer than [`Senses::hold_ns`].
     fn told_until(&mut self, stamp_ns: u64) -> f64 {
-        let mut told = 0.0;
+        let mut commanded = 0.0;
         let hold = self.hold_ns();
         let mut at = self.counted_to_ns;
         let mut follow = |following: Option<(u64, f64)>, to: u64| {
             if let Some((since, speed)) = following {
                 let seconds = to.min(since.saturating_add(hold)).saturating_sub(at.max(since)) as f64 / 1e9;
-                told += speed * seconds;
+                commanded += speed * seconds;
             }
             at = to.max(at);
         };
@@ -287,7 +287,7 @@ impl Senses {
         }
         follow(self.following, stamp_ns);
         self.counted_to_ns = stamp_ns;
-        told
+        commanded
     }
 
     fn scan(&mut self, data: &[u8], stamp_ns: u64) -> Result<(), LogError> {

@@ -19,7 +19,7 @@ pub struct Scene {
     pub begins: [u32; 3],
     /// How many panels and pyramids there are.
     pub counts: [u32; 2],
-    /// Places are told from here, so that single precision suffices far from the world's origin.
+    /// Places are relative to this point, so that single precision suffices far from the world's origin.
     origin: Point2<f64>,
 }
 

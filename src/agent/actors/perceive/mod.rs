@@ -69,7 +69,7 @@ pub struct Perceive {
     stream: Option<SlowStream<f32>>,
     pending: Vec<Pending>,
     goals: Tasks,
-    /// Tasks may move: the window keeps where an action ended, and rewards are told from that when they are needed.
+    /// Tasks may move: the window keeps where an action ended, and rewards follow from that when they are needed.
     window: Window<Arc<Observation>, Point2<f64>>,
     last_number: Option<u64>,
     reflexes: Reflexes,
@@ -248,7 +248,7 @@ impl Perceive {
             for (index, frame) in pending[start..start + size].iter().enumerate() {
                 let cell = if screened.quarantined.contains(&index) { None } else { cells.next().copied() };
                 if frame.link.is_none() {
-                    // Frames are missing before this one: what the action came to cannot be told.
+                    // Frames are missing before this one: the outcome of the action is not known.
                     self.last_boundary = None;
                 }
                 let Some((place, allowed)) = frame.boundary else { continue };

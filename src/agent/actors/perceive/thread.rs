@@ -64,7 +64,7 @@ impl PerceiveLoop<'_> {
             let begin = Instant::now();
             let (stamp, action) = (frame.stamp_ns, frame.action);
             let mut sent = record.frame(&frame);
-            // Frames are missing before this one: what the action came to cannot be told.
+            // Frames are missing before this one: the outcome of the action is not known.
             if last_number.replace(frame.number).is_none_or(|last| last + 1 != frame.number) {
                 last_boundary = None;
             }
