@@ -87,6 +87,7 @@ impl Reflexes {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::robot::{ActionSpec, Motion};
 
     fn on() -> Reflexes {
         Reflexes::all(&ActionSet::differential_drive(0.3, 0.8))
@@ -127,5 +128,25 @@ mod tests {
         assert_eq!(on().best(&[1.0, 2.0, 3.0], recent), (Action::TURN_LEFT, true));
         assert_eq!(on().best(&[2.5, 2.0, 3.0], recent), (Action::FORWARD, true));
         assert_eq!(on().best(&[1.0, 2.0, 3.0], Recent::default()), (Action::TURN_RIGHT, false));
+    }
+
+    #[test]
+    fn robots_have_other_actions_than_three() {
+        let spec = |name, distance, angle, inverse| ActionSpec { name, motion: Motion { distance, angle }, inverse };
+        let actions = ActionSet::new(vec![
+            spec("ahead", 0.2, 0.0, Some(3)),
+            spec("left", 0.0, 0.5, Some(2)),
+            spec("right", 0.0, -0.5, Some(1)),
+            spec("back", -0.2, 0.0, Some(0)),
+            spec("wait", 0.0, 0.0, None),
+        ]);
+        let reflexes = Reflexes::all(&actions);
+        let [ahead, back, wait] = [0, 3, 4].map(|number| actions.get(number).unwrap());
+        let values = [1.0, 0.0, 0.5, 2.0, 1.5];
+        assert_eq!(reflexes.best(&values, Recent::default()), (back, false));
+        // Back would undo ahead; to wait undoes nothing.
+        assert_eq!(reflexes.best(&values, Recent::default().then(ahead, false)), (wait, true));
+        assert_eq!(reflexes.allowed(Recent::default().then(ahead, false)), 0b10111);
+        assert_eq!(reflexes.allowed(Recent::default().then(wait, false)), 0b11111);
     }
 }

@@ -3,7 +3,9 @@
 use std::sync::Arc;
 
 use crate::common::package_file;
+use adagio::agent::{RunOptions, Status, run};
 use adagio::evaluate::optimal_steps;
+use adagio::log::{Folder, LogOptions, LogReader, Record, Rotation, RunLog, topics};
 use adagio::random::stream;
 use adagio::robot::{Action, Pose};
 use adagio::scenario::Scenario;
@@ -367,4 +369,46 @@ fn the_optimal_number_of_steps_is_that_of_simple_cases() {
     assert_eq!(steps(0.8, 0.9, 180.0), Some(6));
     let far = Pose::new(Point2::new(0.3, 0.3), 0.0);
     assert_eq!(optimal_steps(&world.arena, &scenario.robot, &scenario.tasks[0], far, 1), None);
+}
+
+/// A robot of which nobody measures where it is.
+struct Unlocated(Simulated);
+
+impl Source for Unlocated {
+    fn first(&mut self) -> Option<Frame> {
+        self.0.first().map(|frame| Frame { truth: None, ..frame })
+    }
+
+    fn execute(&mut self, action: Action, give: &mut dyn FnMut(Frame) -> bool) -> bool {
+        self.0.execute(action, &mut |frame| give(Frame { truth: None, ..frame }))
+    }
+}
+
+#[test]
+fn a_robot_whose_true_pose_nobody_knows_learns_features_and_finds_no_goal_given_by_coordinates() {
+    let text = std::fs::read_to_string(package_file("scenarios/smoke.toml")).unwrap();
+    let scenario =
+        Arc::new(Scenario::parse(&text, std::path::Path::new("smoke.toml"), &["actions=200".into()]).unwrap());
+    let world = Arc::new(World::new(&scenario).unwrap());
+    let folder = tempfile::tempdir().unwrap();
+    let storage = Folder::new(folder.path());
+    let log = RunLog::create(storage, &LogOptions::default(), Rotation::NEVER, &Default::default()).unwrap();
+    let (stop, status) = (std::sync::atomic::AtomicBool::new(false), Status::default());
+    let mut robot = Unlocated(Simulated::new(scenario.clone(), world.clone()));
+    let outcome = run(&scenario, &world.plan, &mut robot, log, RunOptions::new(&stop, &status)).unwrap();
+    assert_eq!((outcome.actions, outcome.frames), (200, 1001));
+    assert!(outcome.learned.is_some_and(|learned| !learned.model.slowness.is_empty()));
+    assert!(outcome.pursuits.iter().all(|tally| tally.reached == 0));
+    let file = std::fs::File::open(folder.path().join("run_000.mcap")).unwrap();
+    let (mut poses, mut rewards) = (0, Vec::new());
+    for record in LogReader::new(file, "run_000.mcap") {
+        let record = record.unwrap();
+        let Record::Message { topic, .. } = &record else { continue };
+        poses += usize::from(**topic == *topics::POSE.name());
+        if **topic == *topics::TRANSITION.name() {
+            rewards.extend(record.decode::<adagio::log::messages::Transition>().unwrap().rewards);
+        }
+    }
+    assert_eq!((poses, rewards.len()), (0, 200 * scenario.tasks.len()));
+    assert!(rewards.iter().all(|&reward| reward == 0.0));
 }
