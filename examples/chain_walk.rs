@@ -33,7 +33,7 @@ fn learn(world: &str, process: &FiniteMdp, steps: usize, basis: &Mat<f64>, featu
     // 1. Random steps: uniform over states and actions.
     let steps = process.uniform_steps(steps, &mut stream(1, "steps"));
     // 2. The same in features, and policy iteration over them.
-    let fit = process.in_features(&steps, basis.as_ref())?.fit(&LspiOptions::default())?;
+    let fit = process.in_features(&steps, basis.as_ref())?.fit(&LspiOptions::plain())?;
     let q = fit.action_values(basis.as_ref())?;
     let policy = fit.policy(basis.as_ref())?;
     // 3. What the learned policy is really worth, beside the best one.
@@ -83,7 +83,7 @@ fn swing() -> Result<(), ValueError> {
     let names: Vec<String> = history.iter().map(|policy| chain_walk::letters(&policy.chosen())).collect();
     println!("   weights from its own visits: {} …", names.join(" → "));
     let basis = koller_parr::basis();
-    let fit = koller_parr::process()?.expected(basis.as_ref(), |_, _| 1.0)?.fit(&LspiOptions::default())?;
+    let fit = koller_parr::process()?.expected(basis.as_ref(), |_, _| 1.0)?.fit(&LspiOptions::plain())?;
     let found = chain_walk::letters(&fit.policy(basis.as_ref())?.chosen());
     println!("   uniform weights: {found} after {} evaluations", fit.iterations);
     Ok(())

@@ -50,8 +50,7 @@ fn mean_and_error(results: &[f64]) -> (f64, f64) {
 fn options_of_policy_iteration(rooms: &Rooms) -> Result<(), ValueError> {
     const STEPS: usize = 500;
     const SEEDS: u64 = 20;
-    let plain =
-        LspiOptions { gamma: GAMMA, ridge: 1e-3, tolerance: 1e-4, max_iterations: 60, ..LspiOptions::default() };
+    let plain = LspiOptions { gamma: GAMMA, ridge: 1e-3, tolerance: 1e-4, max_iterations: 60, ..LspiOptions::plain() };
     let mixed = LspiOptions { mixing: 0.3, ..plain };
     let variants = [
         ("plain, from all actions alike", plain),
@@ -156,7 +155,7 @@ impl Noisy<'_> {
                 (state, x) = (step.to, next);
             }
         }
-        let options = LspiOptions { gamma: GAMMA, ridge: 1e-3, mixing: 0.3, tolerance: 1e-4, ..LspiOptions::default() };
+        let options = LspiOptions { gamma: GAMMA, ridge: 1e-3, mixing: 0.3, tolerance: 1e-4, ..LspiOptions::plain() };
         let weights = batch.fit(&options)?.weights;
         let mut sum = 0.0;
         for _ in 0..TRIALS {

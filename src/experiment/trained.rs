@@ -121,7 +121,7 @@ impl Iteration {
 
     fn options(self, lab: &Lab) -> LspiOptions {
         let value = &lab.scenario.value;
-        let plain = LspiOptions { gamma: value.gamma, max_iterations: value.max_iterations, ..LspiOptions::default() };
+        let plain = LspiOptions { gamma: value.gamma, max_iterations: value.max_iterations, ..LspiOptions::plain() };
         match self {
             Iteration::Thesis => plain,
             Iteration::Ours => {

@@ -174,6 +174,22 @@ impl FiniteMdp {
         Ok(FiniteMdp { states: self.states, actions: 1, gamma: self.gamma, successors })
     }
 
+    /// The probability to arrive from each state within so many steps: to get a reward above 0, or into a terminal state. What policy
+    /// iteration calls converged may never arrive.
+    ///
+    /// # Errors
+    /// A policy of another size.
+    pub fn arrival(&self, policy: &Policy, steps: usize) -> Result<Vec<f64>, ValueError> {
+        let driven = self.under(policy)?;
+        let mut arrival: Vec<f64> = (0..self.states).map(|s| f64::from(u8::from(self.is_terminal(s)))).collect();
+        for _ in 0..steps {
+            let of = |to: &Successor| to.probability * if to.reward > 0.0 { 1.0 } else { arrival[to.state] };
+            let after = |s: usize| driven.successors(s, 0).iter().map(of).sum();
+            arrival = (0..self.states).map(|s| if self.is_terminal(s) { 1.0 } else { after(s) }).collect();
+        }
+        Ok(arrival)
+    }
+
     /// Draw what follows a state and an action; `None` in a terminal state.
     ///
     /// # Errors

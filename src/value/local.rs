@@ -1,4 +1,4 @@
-//! Local values: what an action is worth, told by the transitions nearby in which it was tried.
+//! Local values: the value of an action, estimated from the transitions nearby in which it was tried.
 //!
 //! Least-squares policy iteration finds values in the span of a few smooth features: a goal that is smaller than their
 //! wavelength is lost. Here features only say which states are near each other. The value of an action is a local linear
@@ -26,15 +26,20 @@ use crate::kernel::products::map_all;
 const AT_ONCE: usize = 128;
 /// The least weight of a neighbour, before regression, as a share of the mean.
 const LEAST_WEIGHT: f64 = 1e-3;
+/// Points whose mean is at most this many times as far from the origin, squared, as they are from their mean are searched as they
+/// are: single precision then keeps at least five of its seven digits of their distances.
+const UNMOVED_OFFSET: f64 = 100.0;
+/// Mean squared distances from the mean whose points are searched in their own units: squares of products stay in range.
+const UNMOVED_SQUARES: std::ops::Range<f64> = 1e-12..1e12;
 /// Values have settled when none changes by more than this share of the largest.
 const SETTLED: f64 = 1e-6;
 /// Sweeps until values must have settled, times `1 − γ`: what is left of the first ones then is e⁻²⁰.
 const SWEEPS: f64 = 20.0;
 
-/// How values are told from those of neighbours.
+/// How values are estimated from those of neighbours.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LocalOptions {
-    /// Transitions with the same action that tell a value, ≥ 1.
+    /// Transitions with the same action that a value is estimated from, ≥ 1. More than there are: all of them.
     pub neighbours: usize,
     /// Ridge on the slopes of the regression, in mean squared distances of the neighbours, > 0. Large values leave a weighted
     /// mean.
@@ -50,6 +55,10 @@ impl LocalOptions {
 
 /// Where actions were tried: the states before transitions, as points whose distance says how near they are.
 ///
+/// Points may lie anywhere and be of any scale: where it matters, neighbours are searched around the mean of all points and in units
+/// of their spread. Only what `f32` itself cannot hold is lost: points 10⁶ times as far from the origin as from each other have
+/// one digit left.
+///
 /// # Shapes
 /// `p × N` points, those of action 0 first, then those of action 1, and so on.
 #[derive(Debug, Clone, PartialEq)]
@@ -57,11 +66,47 @@ pub struct Instances {
     options: LocalOptions,
     points: Mat<f32>,
     counts: Vec<usize>,
-    /// Squared norm of each point.
+    /// How points are moved for the search of neighbours, and the moved points; `None` where they are searched as they are.
+    moved: Option<(Move, Mat<f32>)>,
+    /// Squared norm of each point of the search.
     norms: Vec<f32>,
 }
 
-/// The transitions that tell a value: their numbers, and how much each counts. The weights sum to 1.
+/// Distances come from `‖x‖² − 2xᵀy` in single precision, which loses them where points are far from the origin compared with
+/// their spread, or where squares leave the range of numbers. Such points are searched around their mean, in other units.
+#[derive(Debug, Clone, PartialEq)]
+struct Move {
+    /// Mean of each coordinate.
+    shift: Vec<f64>,
+    /// A power of two.
+    scale: f64,
+}
+
+impl Move {
+    /// What points need, if they need it.
+    fn of(points: MatRef<'_, f32>) -> Option<Self> {
+        let n = points.ncols() as f64;
+        let mean = |i: usize| (0..points.ncols()).map(|j| f64::from(points[(i, j)])).sum::<f64>() / n;
+        let shift: Vec<f64> = (0..points.nrows()).map(mean).collect();
+        let square = |i: usize, j: usize| (f64::from(points[(i, j)]) - shift[i]).powi(2);
+        let spread =
+            (0..points.ncols()).map(|j| (0..points.nrows()).map(|i| square(i, j)).sum::<f64>()).sum::<f64>() / n;
+        let offset = shift.iter().map(|mean| mean * mean).sum::<f64>();
+        let moderate = UNMOVED_SQUARES.contains(&spread) || spread == 0.0;
+        if offset <= UNMOVED_OFFSET * spread && moderate {
+            return None;
+        }
+        let scale = if spread > 0.0 { (-0.5 * spread.log2()).round().exp2() } else { 1.0 };
+        Some(Move { shift, scale })
+    }
+
+    fn apply(&self, points: MatRef<'_, f32>) -> Mat<f32> {
+        let moved = |i: usize, j: usize| ((f64::from(points[(i, j)]) - self.shift[i]) * self.scale) as f32;
+        Mat::from_fn(points.nrows(), points.ncols(), moved)
+    }
+}
+
+/// The transitions that a value is estimated from: their numbers, and how much each counts. The weights sum to 1.
 type Neighbours = Vec<(u32, f64)>;
 
 impl Instances {
@@ -87,8 +132,13 @@ impl Instances {
             return Err(ValueError::Length { what: "the counts of actions together", found, expected: n });
         }
         finite_points("points", points.as_ref())?;
-        let norms = (0..n).map(|j| points.col(j).squared_norm_l2()).collect();
-        Ok(Instances { options, points, counts, norms })
+        let moved = Move::of(points.as_ref()).map(|of| {
+            let moved = of.apply(points.as_ref());
+            (of, moved)
+        });
+        let searched = moved.as_ref().map_or(&points, |(_, moved)| moved);
+        let norms = (0..n).map(|j| searched.col(j).squared_norm_l2()).collect();
+        Ok(Instances { options, points, counts, moved, norms })
     }
 
     /// Number of transitions `N`.
@@ -111,13 +161,13 @@ impl Instances {
         &self.counts
     }
 
-    /// How values are told from those of neighbours.
+    /// How values are estimated from those of neighbours.
     pub fn options(&self) -> LocalOptions {
         self.options
     }
 
-    /// `Q(x, a)` of states, `p × n` points, for each list of what the transitions are worth (`N`): `A × n` for each. An action
-    /// that was never tried is worth 0.
+    /// `Q(x, a)` of states, `p × n` points, for each list of what the transitions are worth (`N`): `A × n` for each. Of an
+    /// action that was never tried nothing is known: its value is −∞, so that no greedy policy takes it.
     ///
     /// # Errors
     /// Points of another dimension or not finite, another number of worths than of transitions.
@@ -132,7 +182,8 @@ impl Instances {
             for a in 0..self.counts.len() {
                 for (j, near) in self.neighbours(a, block).into_iter().enumerate() {
                     for (values, worth) in values.iter_mut().zip(worths) {
-                        values[(a, start + j)] = told(&near, worth);
+                        values[(a, start + j)] =
+                            if self.counts[a] == 0 { f64::NEG_INFINITY } else { estimate(&near, worth) };
                     }
                 }
             }
@@ -159,11 +210,14 @@ impl Instances {
         if places.is_empty() {
             return vec![Vec::new(); points.ncols()];
         }
-        let of_action = self.points.as_ref().subcols(places.start, places.len());
+        let moved = self.moved.as_ref().map(|(by, _)| by.apply(points));
+        let searched = self.moved.as_ref().map_or(&self.points, |(_, moved)| moved);
+        let of_action = searched.as_ref().subcols(places.start, places.len());
         let mut products = Mat::zeros(of_action.ncols(), points.ncols());
-        matmul(products.as_mut(), Accum::Replace, of_action.transpose(), points, 1.0, Par::Seq);
+        let at = moved.as_ref().map_or(points, |moved| moved.as_ref());
+        matmul(products.as_mut(), Accum::Replace, of_action.transpose(), at, 1.0, Par::Seq);
         // One more than needed: the distance of that one is where weights end.
-        let kept = (self.options.neighbours + 1).min(places.len());
+        let kept = self.options.neighbours.saturating_add(1).min(places.len());
         let norms = &self.norms[places.clone()];
         let near = |j: usize| {
             // Nearest first; of equal ones the first ones stay. Few of all come in, so that this takes less than the products.
@@ -226,7 +280,7 @@ impl Instances {
 }
 
 /// A value from what its neighbours are worth.
-fn told(near: &[(u32, f64)], worth: &[f64]) -> f64 {
+fn estimate(near: &[(u32, f64)], worth: &[f64]) -> f64 {
     near.iter().map(|&(place, weight)| weight * worth[place as usize]).sum()
 }
 
@@ -302,20 +356,29 @@ impl<'a> Local<'a> {
         }
         finite_list("rewards", outcomes.rewards)?;
         let may = |i: usize, b: usize| outcomes.allowed[i] & (1 << b) != 0;
+        let tried = |b: &usize| self.instances.counts[*b] > 0;
         if let Some(index) = (0..n).find(|&i| (0..actions).all(|b| !may(i, b))) {
             return Err(ValueError::NothingAllowed { index, actions });
         }
         let (least, most) = outcomes.rewards.iter().fold((0.0f64, 0.0f64), |(l, m), &r| (l.min(r), m.max(r)));
         let (least, most) = (least / (1.0 - gamma), most / (1.0 - gamma));
         let mut worth = vec![0.0; n];
-        let mut fit = Fit { weights: Mat::new(), iterations: 0, converged: false, cycle: None };
+        let mut fit = Fit { weights: Mat::new(), iterations: 0, converged: false, cycle: None, untried: Vec::new() };
         for sweep in 1..=(SWEEPS / (1.0 - gamma)).ceil() as usize {
             let of = |i: usize| {
                 if outcomes.ended[i] {
                     return outcomes.rewards[i];
                 }
-                let values = (0..actions).filter(|&b| may(i, b)).map(|b| told(&self.after[i][b], &worth));
-                (outcomes.rewards[i] + gamma * values.fold(f64::NEG_INFINITY, f64::max)).clamp(least, most)
+                let best = |may: &dyn Fn(usize) -> bool| {
+                    let values = (0..actions).filter(tried).filter(|&b| may(b));
+                    values.map(|b| estimate(&self.after[i][b], &worth)).fold(f64::NEG_INFINITY, f64::max)
+                };
+                let mut next = best(&|b| may(i, b));
+                if next == f64::NEG_INFINITY {
+                    // Of what may follow nothing was tried: the best of what was tried at all.
+                    next = best(&|_| true);
+                }
+                (outcomes.rewards[i] + gamma * next).clamp(least, most)
             };
             let new: Vec<f64> = map_all(n, of);
             let size = new.iter().fold(0.0f64, |size, value| size.max(value.abs()));

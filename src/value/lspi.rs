@@ -47,8 +47,17 @@ pub struct Options {
     pub closeness: Option<f64>,
 }
 
+/// γ = 0.9 and β = 0.3, which converges where the greedy iteration of [`Options::plain`] often runs in circles.
 impl Default for Options {
     fn default() -> Self {
+        Options { mixing: 0.3, ..Options::plain() }
+    }
+}
+
+impl Options {
+    /// The thesis's iteration, which is that of Lagoudakis & Parr: each policy is the greedy one (β = 1). It may run in circles, or
+    /// settle on a policy that never arrives; see [`Lspi::fit`].
+    pub fn plain() -> Self {
         Options {
             gamma: 0.9,
             ridge: 0.0,
@@ -90,14 +99,19 @@ pub struct Fit {
     pub weights: Mat<f64>,
     /// Evaluations done.
     pub iterations: usize,
-    /// Whether the weights and the greedy actions stopped changing.
+    /// Whether the weights and the greedy actions stopped changing. It does not say that the policy is any good: one that drives in
+    /// circles, or never arrives, can be as settled as another. Follow the policy to know
+    /// ([`FiniteMdp::arrival`](super::FiniteMdp::arrival), trials).
     pub converged: bool,
     /// Length of the circle in which the greedy policy ran, if it did.
     pub cycle: Option<usize>,
+    /// Actions of which there was no sample, by their numbers: their weights are 0 and mean nothing.
+    pub untried: Vec<usize>,
 }
 
 impl Fit {
-    /// `Q(x, a)` of the columns of `phi`, `A × n`.
+    /// `Q(x, a)` of the columns of `phi`, `A × n`. Of an action that was never tried nothing is known: its value is −∞, so that no
+    /// greedy policy takes it.
     ///
     /// # Errors
     /// Another number of features than was fitted, values that are not finite.
@@ -107,8 +121,14 @@ impl Fit {
             return Err(ValueError::Features { what: "phi", found: phi.nrows(), expected });
         }
         finite_matrix("phi", phi)?;
-        let q = self.weights.transpose() * phi;
-        if q.is_all_finite() { Ok(q) } else { Err(ValueError::NotFinite(self.weights.nrows() * self.weights.ncols())) }
+        let mut q = self.weights.transpose() * phi;
+        if !q.is_all_finite() {
+            return Err(ValueError::NotFinite(self.weights.nrows() * self.weights.ncols()));
+        }
+        for &action in &self.untried {
+            (0..q.ncols()).for_each(|j| q[(action, j)] = f64::NEG_INFINITY);
+        }
+        Ok(q)
     }
 
     /// The greedy policy in the states whose features are the columns of `phi`.
@@ -214,11 +234,14 @@ impl<'a> Lspi<'a> {
     pub fn fit(&self, outcomes: &Outcomes<'_>, options: &Options) -> Result<Fit, ValueError> {
         outcomes.check(self.data.phi.nrows(), self.data.phi.ncols(), self.actions)?;
         options.check()?;
+        let untried: Vec<usize> = (0..self.actions).filter(|&a| self.blocks.members(a).is_empty()).collect();
+        let allowed = self.tried(outcomes, &untried);
+        let outcomes = &Outcomes { allowed: allowed.as_deref().or(outcomes.allowed), ..*outcomes };
         let mut system = System::new(self, outcomes, options)?;
         let mut weights = Mat::zeros(self.data.phi.nrows(), self.actions);
         let mut chosen: Vec<usize> = Vec::new();
         let mut seen: HashMap<Vec<usize>, usize> = HashMap::new();
-        let mut fit = Fit { weights: weights.clone(), iterations: 0, converged: false, cycle: None };
+        let mut fit = Fit { weights: weights.clone(), iterations: 0, converged: false, cycle: None, untried };
         for iteration in 1..=options.max_iterations {
             let new = system.solve()?;
             let change = (&new - &weights).norm_max();
@@ -243,6 +266,19 @@ impl<'a> Lspi<'a> {
         }
         fit.weights = weights;
         Ok(fit)
+    }
+
+    /// What may follow each sample, without actions that were never tried: nothing is known of them, and 0 would be the best of
+    /// negative values. After a sample where only such may follow, all that was tried may. `None`: as the outcomes say (also for
+    /// more actions than there are bits).
+    fn tried(&self, outcomes: &Outcomes<'_>, untried: &[usize]) -> Option<Vec<u32>> {
+        if untried.is_empty() || self.actions > u32::BITS as usize {
+            return None;
+        }
+        let tried = (0..self.actions).filter(|a| !untried.contains(a)).fold(0u32, |bits, a| bits | 1 << a);
+        let given = |i: usize| outcomes.allowed.map_or(u32::MAX, |allowed| allowed[i]);
+        let of = |i: usize| if given(i) & tried == 0 { tried } else { given(i) & tried };
+        Some((0..self.data.phi.ncols()).map(of).collect())
     }
 }
 

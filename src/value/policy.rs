@@ -88,9 +88,10 @@ impl Policy {
     /// The policy that is greedy for the values `q`, `A × S`; of equal actions the first.
     ///
     /// # Errors
-    /// No actions, values that are not finite.
+    /// No actions, values that are not finite; −∞ is allowed for an action of which nothing is known, and is not chosen.
     pub fn greedy(q: MatRef<'_, f64>) -> Result<Self, ValueError> {
-        finite_matrix("q", q)?;
+        let known = |a: usize, s: usize| if q[(a, s)] == f64::NEG_INFINITY { 0.0 } else { q[(a, s)] };
+        finite_matrix("q", Mat::from_fn(q.nrows(), q.ncols(), known).as_ref())?;
         let chosen: Vec<usize> = (0..q.ncols()).map(|s| super::greedy((0..q.nrows()).map(|a| q[(a, s)]))).collect();
         Policy::deterministic(&chosen, q.nrows())
     }

@@ -5,6 +5,7 @@ use faer::{Mat, MatRef, Side};
 use super::ValueError;
 use super::blocks::{Blocks, Outcomes};
 use super::error::{finite_list, parameter};
+use crate::kernel::products::map_all;
 
 /// Eigenvalues of a Gram matrix below this share of the largest one count as directions that were never seen.
 const UNSEEN: f64 = 1e-12;
@@ -67,14 +68,16 @@ impl LocalErrors {
         };
         let variances: Vec<f64> = self.members.iter().zip(&self.freedom).map(variance).collect();
         let mut policy = Mat::zeros(q.nrows(), q.ncols());
-        for i in 0..q.ncols() {
+        let of_sample = |i: usize| {
             let may: Vec<usize> = (0..q.nrows()).filter(|&b| outcomes.allows(i, b)).collect();
             let means: Vec<f64> = may.iter().map(|&b| q[(b, i)]).collect();
             let deviations: Vec<f64> =
                 may.iter().map(|&b| (variances[b] * self.leverage[(b, i)]).max(0.0).sqrt()).collect();
-            for (&b, probability) in may.iter().zip(maximiser_probabilities(&means, &deviations)?) {
-                policy[(b, i)] = probability;
-            }
+            let probabilities = maximiser_probabilities(&means, &deviations)?;
+            Ok(may.into_iter().zip(probabilities).collect::<Vec<_>>())
+        };
+        for (i, of_sample) in map_all(q.ncols(), of_sample).into_iter().enumerate() {
+            of_sample?.into_iter().for_each(|(b, probability)| policy[(b, i)] = probability);
         }
         Ok(policy)
     }
@@ -149,6 +152,17 @@ pub fn maximiser_probabilities(means: &[f64], deviations: &[f64]) -> Result<Vec<
     let reach = |bell: &(f64, f64), sign: f64| bell.0 + sign * f64::from(REACH) * bell.1;
     let low = bells.iter().map(|bell| reach(bell, -1.0)).fold(certain, f64::max);
     let high = bells.iter().map(|bell| reach(bell, 1.0)).fold(certain, f64::max);
+    // Values that can be the largest; with two of them it is the sign of one Gaussian.
+    let contenders: Vec<usize> = (0..bells.len()).filter(|&a| reach(&bells[a], 1.0) >= low).collect();
+    if let [a, b] = contenders[..]
+        && (bells[a].1 > 0.0 || bells[b].1 > 0.0)
+    {
+        let wins =
+            0.5 * libm::erfc((bells[b].0 - bells[a].0) / (bells[a].1.hypot(bells[b].1) * std::f64::consts::SQRT_2));
+        let mut probabilities = vec![0.0; bells.len()];
+        (probabilities[a], probabilities[b]) = (wins, 1.0 - wins);
+        return Ok(probabilities);
+    }
     let mut edges: Vec<f64> = vec![low, high];
     for &(mean, deviation) in bells.iter().filter(|bell| bell.1 > 0.0) {
         edges.extend(

@@ -105,7 +105,7 @@ fn trigonometric_features_of_the_true_pose_match_the_reference_policy() {
             let rewards: Vec<f64> =
                 walked.poses[1..].iter().map(|pose| world.plan.reward(task, pose.position)).collect();
             let outcomes = Outcomes { next: after, rewards: &rewards, allowed: Some(&walked.allowed) };
-            let options = LspiOptions { mixing: 0.3, ridge: 1e-3, ..LspiOptions::default() };
+            let options = LspiOptions { mixing: 0.3, ridge: 1e-3, ..LspiOptions::plain() };
             let fit = problem.fit(&outcomes, &options).unwrap();
             let learned = |pose: &Pose, recent: Recent| {
                 let q = fit.weights.transpose() * features(&[*pose]);

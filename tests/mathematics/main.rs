@@ -25,3 +25,4 @@ mod value;
 mod value_estimation;
 mod value_input;
 mod value_refit;
+mod value_traps;

@@ -27,7 +27,7 @@ fn letters(q: &Mat<f64>) -> String {
 #[test]
 fn chain_of_four_states_with_a_quadratic_basis() {
     let process = koller_parr::process().unwrap();
-    let q = q_values(&process, &tabular(&process), &LspiOptions::default());
+    let q = q_values(&process, &tabular(&process), &LspiOptions::plain());
     let optimum = exact::policy_iteration(&process).unwrap();
     assert!((&q - &optimum.q).norm_max() < 1e-9);
     // By hand, for RRLL: V(1) = V(2) = 1 + γ(0.9·V(1) + 0.1·V(0)), since the chain is its own mirror image, and
@@ -44,14 +44,14 @@ fn chain_of_four_states_with_a_quadratic_basis() {
             assert!((q[(a, s)] - known).abs() < 0.005, "Q({s}, {a}) = {}", q[(a, s)]);
         }
     }
-    assert_eq!(letters(&q_values(&process, &koller_parr::basis(), &LspiOptions::default())), "RRLL");
+    assert_eq!(letters(&q_values(&process, &koller_parr::basis(), &LspiOptions::plain())), "RRLL");
 }
 
 #[test]
 fn chain_of_twenty_states_with_a_polynomial_of_degree_four() {
     let process = chain_walk::twenty().unwrap();
     let known = [9.022624, 7.936650, 6.981385, 6.141097, 5.401948, 4.751766, 4.179869, 3.677099, 3.237833, 2.882027];
-    let q = q_values(&process, &tabular(&process), &LspiOptions::default());
+    let q = q_values(&process, &tabular(&process), &LspiOptions::plain());
     let optimum = exact::policy_iteration(&process).unwrap();
     for s in 0..20 {
         let known = known[if s < 10 { s } else { 19 - s }];
@@ -59,7 +59,7 @@ fn chain_of_twenty_states_with_a_polynomial_of_degree_four() {
             assert!((value - known).abs() < 1e-6, "V({s}) = {value}, known {known}");
         }
     }
-    let polynomial = q_values(&process, &bases::powers(20, 4).unwrap(), &LspiOptions::default());
+    let polynomial = q_values(&process, &bases::powers(20, 4).unwrap(), &LspiOptions::plain());
     assert_eq!(letters(&polynomial), "LLLLLLLLLLRRRRRRRRRR");
 }
 
@@ -68,7 +68,7 @@ fn chain_of_twenty_states_with_a_polynomial_of_degree_four() {
 fn koller_parr_chain_needs_uniform_weights() {
     let process = koller_parr::process().unwrap();
     let basis = koller_parr::basis();
-    let fit = process.expected(basis.as_ref(), |_, _| 1.0).unwrap().fit(&LspiOptions::default()).unwrap();
+    let fit = process.expected(basis.as_ref(), |_, _| 1.0).unwrap().fit(&LspiOptions::plain()).unwrap();
     assert_eq!(chain_walk::letters(&fit.policy(basis.as_ref()).unwrap().chosen()), "RRLL");
     // The first evaluation finds the policy, the second one confirms it.
     assert!(fit.converged && fit.iterations == 2, "{} iterations", fit.iterations);
@@ -93,7 +93,7 @@ fn deterministic_chain_of_dlib() {
         walk.successors(s, a).iter().map(|to| Successor { reward, ..*to }).collect()
     })
     .unwrap();
-    let q = q_values(&process, &tabular(&process), &LspiOptions { gamma: 0.8, ..LspiOptions::default() });
+    let q = q_values(&process, &tabular(&process), &LspiOptions { gamma: 0.8, ..LspiOptions::plain() });
     let known = [[2.048, 2.56], [2.048, 3.2], [2.56, 4.0], [3.2, 5.0]];
     for (s, known) in known.into_iter().enumerate() {
         for (a, known) in known.into_iter().enumerate() {
@@ -179,7 +179,7 @@ proptest! {
         let optimum = exact::policy_iteration(&process).unwrap();
         let swept = exact::value_iteration(&process, 1e-12, 5000).unwrap();
         let mixing = if mixed { 0.3 } else { 1.0 };
-        let options = LspiOptions { mixing, tolerance: 1e-10, max_iterations: 500, ..LspiOptions::default() };
+        let options = LspiOptions { mixing, tolerance: 1e-10, max_iterations: 500, ..LspiOptions::plain() };
         let q = q_values(&process, &tabular(&process), &options);
         for s in 0..states {
             prop_assert!((optimum.values[s] - swept.values[s]).abs() < 1e-9);
@@ -202,7 +202,7 @@ proptest! {
         .unwrap();
         let optimum = exact::policy_iteration(&process).unwrap();
         for (soft, closeness) in [(true, None), (false, Some(0.5)), (true, Some(0.5))] {
-            let options = LspiOptions { soft, closeness, tolerance: 1e-9, ..LspiOptions::default() };
+            let options = LspiOptions { soft, closeness, tolerance: 1e-9, ..LspiOptions::plain() };
             let q = q_values(&process, &tabular(&process), &options);
             prop_assert!((&q - &optimum.q).norm_max() < 1e-7, "soft {soft}, closeness {closeness:?}");
         }
@@ -217,7 +217,7 @@ proptest! {
 fn inverted_pendulum_is_balanced_after_a_thousand_random_episodes() {
     for (mixing, at_least) in [(1.0, 2700.0), (0.3, 2850.0)] {
         let options =
-            LspiOptions { gamma: pendulum::GAMMA, ridge: 1e-6, mixing, tolerance: 1e-4, ..LspiOptions::default() };
+            LspiOptions { gamma: pendulum::GAMMA, ridge: 1e-6, mixing, tolerance: 1e-4, ..LspiOptions::plain() };
         let mut means = Vec::new();
         for seed in 0..20 {
             let mut rng = stream(seed, "pendulum");
@@ -255,7 +255,7 @@ fn a_circle_of_greedy_policies_is_found() {
         let weights = vec![1.0; actions.len()];
         let data = Samples { phi: phi.as_ref(), actions: &actions, weights: &weights };
         let problem = Lspi::new(data, 2, Par::Seq).unwrap();
-        let options = LspiOptions { gamma: 0.95, ..LspiOptions::default() };
+        let options = LspiOptions { gamma: 0.95, ..LspiOptions::plain() };
         let fit = problem.fit(&Outcomes { next: next.as_ref(), rewards: &rewards, allowed: None }, &options).unwrap();
         assert!(fit.converged != fit.cycle.is_some(), "seed {seed}: it ends in rest or in a circle");
         circles += usize::from(fit.cycle.is_some_and(|period| period >= 2));
@@ -273,7 +273,7 @@ fn the_length_of_a_circle_is_the_number_of_policies_in_it() {
         let data = Samples { phi: phi.as_ref(), actions: &actions, weights: &vec![1.0; actions.len()] };
         let problem = Lspi::new(data, 2, Par::Seq).unwrap();
         let outcomes = Outcomes { next: next.as_ref(), rewards: &rewards, allowed: None };
-        let options = LspiOptions { gamma: 0.95, ..LspiOptions::default() };
+        let options = LspiOptions { gamma: 0.95, ..LspiOptions::plain() };
         let fit = problem.fit(&outcomes, &options).unwrap();
         let Some(length) = fit.cycle else { continue };
         circles += 1;
@@ -305,7 +305,7 @@ fn actions_that_may_not_follow_do_not_count() {
     // After a turn only the same turn may follow.
     let allowed: Vec<u32> = batch.samples().actions.iter().map(|&a| 1 << a).collect();
     let outcomes = Outcomes { allowed: Some(&allowed), ..batch.outcomes() };
-    let fit = problem.fit(&outcomes, &LspiOptions::default()).unwrap();
+    let fit = problem.fit(&outcomes, &LspiOptions::plain()).unwrap();
     let q = fit.action_values(tabular(&ring).as_ref()).unwrap();
     // The reward comes once in a round: from a place that is t turns away it is worth γᵗ/(1 − γ⁸).
     let round = 1.0 / (1.0 - 0.9f64.powi(places as i32));
@@ -316,12 +316,12 @@ fn actions_that_may_not_follow_do_not_count() {
             assert!((q[(a, s)] - 0.9f64.powi(turns) * round).abs() < 1e-9, "Q({s}, {a}) = {}", q[(a, s)]);
         }
     }
-    let soft = problem.fit(&outcomes, &LspiOptions { soft: true, ..LspiOptions::default() }).unwrap();
+    let soft = problem.fit(&outcomes, &LspiOptions { soft: true, ..LspiOptions::plain() }).unwrap();
     assert!((&soft.weights - &fit.weights).norm_max() < 1e-9);
     let nothing = vec![0; batch.len()];
     let outcomes = Outcomes { allowed: Some(&nothing), ..outcomes };
     assert_eq!(
-        problem.fit(&outcomes, &LspiOptions::default()).unwrap_err(),
+        problem.fit(&outcomes, &LspiOptions::plain()).unwrap_err(),
         ValueError::NothingAllowed { index: 0, actions: 2 }
     );
 }

@@ -333,7 +333,7 @@ fn sampled_steps_follow_the_process() {
     let arrived = right.clone().filter(|step| step.to == 2).count() as f64 / right.count() as f64;
     assert!((arrived - 0.9).abs() < 0.02, "{arrived}");
     let batch = process.in_features(&steps, Mat::<f64>::identity(4, 4).as_ref()).unwrap();
-    let q = batch.fit(&LspiOptions::default()).unwrap().weights.transpose().to_owned();
+    let q = batch.fit(&LspiOptions::plain()).unwrap().weights.transpose().to_owned();
     assert!((&q - &exact::policy_iteration(&process).unwrap().q).norm_max() < 0.2);
     let chain = boyan::process().unwrap();
     let episode =

@@ -127,7 +127,7 @@ proptest! {
         if let Ok(traces) = traces && let Ok(w) = traces.solve(third) {
             prop_assert!(w.iter().all(|w| w.is_finite()));
         }
-        if let Ok(batch) = batch && let Ok(fit) = batch.fit(&LspiOptions { max_iterations: 3, ..LspiOptions::default() }) {
+        if let Ok(batch) = batch && let Ok(fit) = batch.fit(&LspiOptions { max_iterations: 3, ..LspiOptions::plain() }) {
             prop_assert!(fit.weights.is_all_finite());
         }
     }
@@ -156,7 +156,7 @@ proptest! {
             let basis = matrix(values.len(), process.states(), &values);
             let steps = process.uniform_steps(5, &mut rng);
             for batch in [process.expected(basis.as_ref(), |_, _| 1.0), process.in_features(&steps, basis.as_ref())] {
-                let _ = batch.and_then(|batch| batch.fit(&LspiOptions { max_iterations: 3, ..LspiOptions::default() }));
+                let _ = batch.and_then(|batch| batch.fit(&LspiOptions { max_iterations: 3, ..LspiOptions::plain() }));
             }
             let _ = process.step(states + 1, 0, &mut rng);
             let _ = process.step(0, actions, &mut rng);
@@ -247,7 +247,7 @@ fn sizes_and_values_out_of_reach_are_refused() {
     let nan = Mat::from_fn(1, 1, |_, _| f64::NAN);
     let mut batch = Batch::new(1, 2).unwrap();
     batch.push(&[1.0], 0, 1.0, None, 1.0).unwrap();
-    let fit = batch.fit(&LspiOptions::default()).unwrap();
+    let fit = batch.fit(&LspiOptions::plain()).unwrap();
     assert!(fit.action_values(nan.as_ref()).is_err() && fit.policy(nan.as_ref()).is_err());
     assert!(Policy::greedy(nan.as_ref()).is_err());
     assert!(pendulum::balanced_steps(Mat::from_fn(10, 3, |_, _| f64::NAN).as_ref(), 10, &mut generator(1)).is_err());
@@ -302,7 +302,7 @@ fn impossible_requests_are_refused_with_their_numbers() {
     let problem = Lspi::new(data, 3, Par::Seq).unwrap();
     let outcomes = Outcomes { next: phi.as_ref(), rewards: &[0.0; 3], allowed: None };
     let fit = |outcomes: Outcomes<'_>, options: LspiOptions| problem.fit(&outcomes, &options).unwrap_err();
-    let plain = LspiOptions::default();
+    let plain = LspiOptions::plain();
     assert_eq!(fit(outcomes, LspiOptions { gamma: 1.0, ..plain }), ValueError::Gamma(1.0));
     assert_eq!(fit(outcomes, LspiOptions { ridge: -1.0, ..plain }), ValueError::Ridge(-1.0));
     assert_eq!(fit(outcomes, LspiOptions { mixing: 0.0, ..plain }), ValueError::Mixing(0.0));

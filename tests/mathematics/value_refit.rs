@@ -64,7 +64,8 @@ impl Problem {
         let mut policy = Mat::from_fn(actions, n, share);
         let mut weights = Mat::zeros(f, actions);
         let mut chosen = Vec::new();
-        let mut fit = Fit { weights: Mat::zeros(f, actions), iterations: 0, converged: false, cycle: None };
+        let mut fit =
+            Fit { weights: Mat::zeros(f, actions), iterations: 0, converged: false, cycle: None, untried: Vec::new() };
         for iteration in 1..=options.max_iterations {
             let mut system = Mat::from_fn(f * actions, f * actions, |i, j| if i == j { options.ridge } else { 0.0 });
             let mut right = Mat::zeros(f * actions, 1);
@@ -118,7 +119,7 @@ proptest! {
         mixing in prop::sample::select(vec![0.1, 0.3, 0.7])
     ) {
         let problem = Problem::random(f, n, actions, limited, seed);
-        let options = LspiOptions { ridge: 0.1, mixing, tolerance: 1e-5, max_iterations: 30, ..LspiOptions::default() };
+        let options = LspiOptions { ridge: 0.1, mixing, tolerance: 1e-5, max_iterations: 30, ..LspiOptions::plain() };
         let known = problem.plain(&options);
         let found = problem.lspi(Par::Seq).fit(&problem.outcomes(), &options).unwrap();
         prop_assert_eq!((found.iterations, found.converged), (known.iterations, known.converged));
@@ -131,7 +132,7 @@ proptest! {
 fn threads_do_not_change_the_bits() {
     adagio::random::fix_parallelism();
     let problem = Problem::random(70, 3000, 3, true, 1);
-    let options = LspiOptions { mixing: 0.3, ridge: 0.1, ..LspiOptions::default() };
+    let options = LspiOptions { mixing: 0.3, ridge: 0.1, ..LspiOptions::plain() };
     let one = problem.lspi(Par::Seq).fit(&problem.outcomes(), &options).unwrap();
     for threads in 1..=4 {
         assert_eq!(problem.lspi(Par::rayon(threads)).fit(&problem.outcomes(), &options).unwrap(), one);

@@ -186,6 +186,7 @@ fn answer(snapshot: &mut Snapshot, update: &mut Option<Update>) -> Result<(), Sn
             iterations,
             converged,
             cycle,
+            untried: Vec::new(),
         });
         let learned = match (model, reason) {
             (Some(model), None) => Ok(model),

@@ -130,7 +130,7 @@ impl FitPolicies {
             mixing: settings.mixing,
             max_iterations: settings.max_iterations,
             tolerance: settings.tolerance,
-            ..LspiOptions::default()
+            ..LspiOptions::plain()
         };
         let allowed: Vec<u32> = window.iter().map(|t| t.allowed).collect();
         let fit = |(number, task): (usize, &Task)| {
@@ -146,6 +146,13 @@ impl FitPolicies {
             problem.fit(&Outcomes { next: until_goal.as_ref(), ..outcomes }, &options)
         };
         let tasks = &self.scenario.tasks;
+        // The first feature is constant: Q-values of an action that was never tried are −∞, and no policy takes it.
+        let fit = |task: (usize, &Task)| {
+            fit(task).map(|mut fit| {
+                fit.untried.iter().for_each(|&action| fit.weights[(0, action)] = f64::NEG_INFINITY);
+                fit
+            })
+        };
         let fits: Vec<Result<Fit, ValueError>> = match self.par {
             Par::Seq => tasks.iter().enumerate().map(fit).collect(),
             _ => tasks.par_iter().enumerate().map(fit).collect(),

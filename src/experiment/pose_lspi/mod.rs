@@ -153,7 +153,8 @@ impl Prepared<'_> {
         let problem = Lspi::new(Samples { phi, actions: &actions, weights: &weights }, 3, Par::Seq)?;
         let rewards = self.walked.rewards(lab, task_of(lab), used);
         let value = &lab.scenario.value;
-        let plain = LspiOptions { gamma: value.gamma, max_iterations: settings.most_iterations, ..Default::default() };
+        let plain =
+            LspiOptions { gamma: value.gamma, max_iterations: settings.most_iterations, ..LspiOptions::plain() };
         let fit =
             |start| problem.fit(&Outcomes { next, rewards: &rewards, allowed: None }, &LspiOptions { start, ..plain });
         let stop = bench.stop();

@@ -108,7 +108,7 @@ impl Iteration {
 
     fn options(self, lab: &Lab) -> LspiOptions {
         let value = &lab.scenario.value;
-        let plain = LspiOptions { gamma: value.gamma, max_iterations: value.max_iterations, ..LspiOptions::default() };
+        let plain = LspiOptions { gamma: value.gamma, max_iterations: value.max_iterations, ..LspiOptions::plain() };
         if self == Iteration::Thesis {
             return plain;
         }
