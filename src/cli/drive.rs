@@ -16,16 +16,13 @@ use crate::agent::{
 use crate::evaluate::{Evaluator, decode_pose};
 use crate::live::serve::{Server, Stage};
 use crate::log::{LogOptions, Rotation, RunLog};
-pub use crate::report::gather::ROOM;
+use crate::report::gather::ROOM;
 use crate::report::{ComputedBy, Origin, Program, Report, table};
 use crate::scenario::{Compute, Scenario};
 use crate::snapshot::Snapshot;
 use crate::soak::Sampler;
 use crate::source::Source;
 use crate::world::World;
-
-/// Why there are no trials where nobody asked for them.
-pub const NOT_TRIED: &str = "the room that was seen is not the simulated one, or there is no model";
 
 /// A run that is to be made in a folder.
 pub struct Drive<'a> {
@@ -116,7 +113,7 @@ impl Drive<'_> {
             let (files, bytes) = (outcome.log.deleted_files, outcome.log.deleted_bytes as f64 / 1e6);
             eprintln!("warning: the {files} oldest log files ({bytes:.1} MB) were deleted: log.budget_mb");
         }
-        let (mut trials, mut pose) = (Err(NOT_TRIED.to_owned()), None);
+        let (mut trials, mut pose) = (Err(report::NOT_TRIED.to_owned()), None);
         if let (Some(learned), Some(evaluator)) = (&outcome.learned, &evaluator) {
             if !self.quiet {
                 eprintln!("evaluating {starts} starts per task, with and without reflexes");

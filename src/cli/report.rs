@@ -8,7 +8,6 @@ use std::time::Instant;
 
 use serde::Serialize;
 
-use super::drive::{NOT_TRIED, ROOM};
 use super::steps::Steps;
 use super::{Ending, ReportArgs, folder, print, print_json};
 use crate::evaluate::{Evaluator, PoseDecode, TaskResult, Trip, decode_pose};
@@ -17,11 +16,14 @@ use crate::policy::Learned;
 use crate::report::draw::Picture;
 use crate::report::figures::Material;
 use crate::report::foreign::{self, Foreign};
-use crate::report::gather::Gathered;
+use crate::report::gather::{Gathered, ROOM};
 use crate::report::maps::RoomMaps;
 use crate::report::{Made, Numbered, PLOTS_NAME, REPORT_NAME, Room, make, write};
 use crate::scenario::Scenario;
 use crate::world::World;
+
+/// Why there are no trials where nobody asked for them.
+pub const NOT_TRIED: &str = "the room that was seen is not the simulated one, or there is no model";
 
 /// What is known of a run beside its log.
 pub struct Known<'a> {

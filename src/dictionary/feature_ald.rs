@@ -1,42 +1,10 @@
 //! ALD in the space of features: support vectors that are spread over what the features tell apart.
 
-use std::fmt;
-use std::sync::Arc;
-
 use faer::{Mat, MatRef};
 
 use super::error::check_nu;
-use super::{Ald, Block, Dictionary, DictionaryError, Parameters, Selection, Thinning};
+use super::{Ald, Block, Dictionary, DictionaryError, FeatureMap, Parameters, Selection, Thinning};
 use crate::kernel::{Kernel, Scalar};
-
-/// A function from observations, `d × n`, to features, `f × n`.
-type Features<T> = dyn Fn(MatRef<'_, T>) -> Result<Mat<f64>, String> + Send + Sync;
-
-/// Features of observations, in whose space a [`FeatureAld`] judges.
-#[derive(Clone)]
-pub struct FeatureMap<T: Scalar>(Arc<Features<T>>);
-
-impl<T: Scalar> FeatureMap<T> {
-    /// Features from a function of observations, `d × n`, that gives `f × n`, or says why it cannot.
-    pub fn new(features: impl Fn(MatRef<'_, T>) -> Result<Mat<f64>, String> + Send + Sync + 'static) -> Self {
-        FeatureMap(Arc::new(features))
-    }
-
-    fn of(&self, x: MatRef<'_, T>) -> Result<Mat<f64>, DictionaryError> {
-        let features = (self.0)(x).map_err(DictionaryError::Features)?;
-        if features.ncols() != x.ncols() {
-            let (found, expected) = (features.ncols(), x.ncols());
-            return Err(DictionaryError::Shape { what: "the number of feature columns", found, expected });
-        }
-        Ok(features)
-    }
-}
-
-impl<T: Scalar> fmt::Debug for FeatureMap<T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("FeatureMap")
-    }
-}
 
 /// How a [`FeatureAld`] judges in the space of features.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -68,10 +68,10 @@ mod width;
 
 pub use ald::{Ald, Parameters, WhenFull};
 pub use error::DictionaryError;
-pub use feature_ald::{FeatureAld, FeatureMap, FeatureParameters};
+pub use feature_ald::{FeatureAld, FeatureParameters};
 pub use greedy::GreedyResidual;
 pub(crate) use newton::capacity;
 pub use newton::{Block, Dictionary, Thinning};
 pub use reservoir::Reservoir;
-pub use selection::Selection;
+pub use selection::{FeatureMap, Selection};
 pub use width::{WidthForSize, width_for_size};

@@ -1,10 +1,10 @@
 //! The one interface of all selections.
 
-use std::fmt::Debug;
+use std::fmt::{self, Debug};
+use std::sync::Arc;
 
-use faer::MatRef;
+use faer::{Mat, MatRef};
 
-use super::feature_ald::FeatureMap;
 use super::{Block, Dictionary, DictionaryError, Thinning};
 use crate::kernel::Scalar;
 #[cfg(feature = "snapshot")]
@@ -67,5 +67,34 @@ pub trait Selection<T: Scalar>: Debug + Send {
     /// Features that cannot be computed for the support vectors.
     fn adopt(&mut self, _features: FeatureMap<T>) -> Result<(), DictionaryError> {
         Ok(())
+    }
+}
+
+/// A function from observations, `d × n`, to features, `f × n`.
+type Features<T> = dyn Fn(MatRef<'_, T>) -> Result<Mat<f64>, String> + Send + Sync;
+
+/// Features of observations, in whose space a [`FeatureAld`](super::FeatureAld) judges.
+#[derive(Clone)]
+pub struct FeatureMap<T: Scalar>(Arc<Features<T>>);
+
+impl<T: Scalar> FeatureMap<T> {
+    /// Features from a function of observations, `d × n`, that gives `f × n`, or says why it cannot.
+    pub fn new(features: impl Fn(MatRef<'_, T>) -> Result<Mat<f64>, String> + Send + Sync + 'static) -> Self {
+        FeatureMap(Arc::new(features))
+    }
+
+    pub(super) fn of(&self, x: MatRef<'_, T>) -> Result<Mat<f64>, DictionaryError> {
+        let features = (self.0)(x).map_err(DictionaryError::Features)?;
+        if features.ncols() != x.ncols() {
+            let (found, expected) = (features.ncols(), x.ncols());
+            return Err(DictionaryError::Shape { what: "the number of feature columns", found, expected });
+        }
+        Ok(features)
+    }
+}
+
+impl<T: Scalar> Debug for FeatureMap<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("FeatureMap")
     }
 }

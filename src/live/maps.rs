@@ -10,7 +10,7 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 use serde::Serialize;
 
 use super::follow::Seen;
-use super::view::{Picture, finely};
+use super::picture::{Picture, finely};
 use crate::agent::{CHECKPOINT_NAME, read_checkpoint};
 use crate::log::{FilesReader, Record, log_files};
 use crate::policy::{Learned, columns};

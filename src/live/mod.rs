@@ -12,6 +12,7 @@
 
 mod follow;
 mod maps;
+mod picture;
 pub mod serve;
 
 mod tail;
@@ -21,8 +22,8 @@ mod view;
 
 pub use follow::{Follower, Newest, Seen};
 pub use maps::{Lookout, Maps};
+pub use picture::Picture;
 pub use tail::Tail;
 pub use view::{
-    Curve, Curves, DecisionView, DictionaryView, FeaturesView, HealthView, Phase, Picture, TaskView, View, WallView,
-    Watcher,
+    Curve, Curves, DecisionView, DictionaryView, FeaturesView, HealthView, Phase, TaskView, View, WallView, Watcher,
 };

@@ -4,16 +4,15 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use ::image::ExtendedColorType;
 use nalgebra::Point2;
-use serde::{Serialize, Serializer};
+use serde::Serialize;
 
 use super::follow::Follower;
 use super::maps::{Lookout, Maps};
+use super::picture::{Picture, finely};
 use crate::agent::Controls;
 use crate::log::LogError;
 use crate::log::messages::Decision;
-use crate::report::draw::{data_url, png_bytes};
 use crate::report::gather::{Downsample, HealthSeen};
 use crate::scenario::plan_segments;
 
@@ -25,24 +24,6 @@ const POINTS: usize = 240;
 
 /// A run that has not been heard of for so long is said to be silent: its log is written once a second.
 const SILENT: Duration = Duration::from_secs(5);
-
-/// An RGB image, row by row from the top; as JSON, an address that holds it.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Picture {
-    /// Pixels.
-    pub width: usize,
-    /// Pixels.
-    pub height: usize,
-    /// Three bytes for each pixel.
-    pub rgb: Vec<u8>,
-}
-
-impl Serialize for Picture {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let png = png_bytes((self.width, self.height), &self.rgb, ExtendedColorType::Rgb8);
-        png.ok().map(|png| data_url(&png)).serialize(serializer)
-    }
-}
 
 /// How a run is doing, as far as its log says.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
@@ -435,15 +416,6 @@ fn series(features: &[(u64, Vec<f64>)]) -> Vec<Curve> {
     let count = features.last().map_or(0, |(_, values)| values.len());
     let of = |i: usize| features.iter().filter_map(move |(frame, values)| Some((*frame as f64, *values.get(i)?)));
     (0..count).map(|i| Curve { name: format!("feature {}", i + 1), points: of(i).collect() }).collect()
-}
-
-/// A number to four digits: what is shown is not computed with.
-pub fn finely(value: f64) -> f64 {
-    if value == 0.0 || !value.is_finite() {
-        return value;
-    }
-    let unit = 10f64.powf(3.0 - value.abs().log10().floor());
-    (value * unit).round() / unit
 }
 
 /// Metres to the millimetre.

@@ -1,5 +1,6 @@
 //! What regression refuses.
 
+use faer::MatRef;
 use thiserror::Error;
 
 use crate::dictionary::DictionaryError;
@@ -95,5 +96,16 @@ impl RegressionError {
     /// Refuse what has another size than needed.
     pub(super) fn unless_fits(what: &'static str, found: usize, expected: usize) -> Result<(), Self> {
         if found == expected { Ok(()) } else { Err(RegressionError::Shape { what, found, expected }) }
+    }
+}
+
+/// Values beyond this have squares that sums have no room for.
+const LARGEST: f64 = 1e150;
+
+/// Refuse matrices with values whose squares are not finite, naming the column.
+pub(super) fn check_finite(what: &'static str, matrix: MatRef<'_, f64>) -> Result<(), RegressionError> {
+    match (0..matrix.ncols()).find(|&j| matrix.col(j).iter().any(|value| !(-LARGEST..=LARGEST).contains(value))) {
+        Some(index) => Err(RegressionError::NotFinite { what, index }),
+        None => Ok(()),
     }
 }

@@ -6,9 +6,9 @@
 use faer::linalg::triangular_solve::solve_upper_triangular_in_place;
 use faer::{Mat, MatRef, Par};
 
-use super::error::RegressionError;
-use super::linear::{Linear, add_bias, check_lambda, solve};
-use super::sums::check_finite;
+use super::error::{RegressionError, check_finite};
+use super::function::{Linear, add_bias};
+use super::linear::{check_lambda, solve};
 use crate::dictionary::Dictionary;
 use crate::kernel::{Kernel, KernelError, Scalar, finite_norms};
 

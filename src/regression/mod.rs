@@ -56,6 +56,7 @@
 //! ```
 
 mod error;
+mod function;
 mod kernel;
 mod linear;
 mod recursive;
@@ -64,8 +65,9 @@ mod sums;
 mod validate;
 
 pub use error::RegressionError;
+pub use function::{Bias, Linear};
 pub use kernel::{KernelModel, kernel_ridge};
-pub use linear::{Bias, Linear, least_squares, ridge};
+pub use linear::{least_squares, ridge};
 pub use recursive::KernelRls;
 pub use select::{Candidate, KernelGrid, KernelSettings, ModelSelection, select_kernel_ridge, select_ridge};
 pub use sums::Sums;

@@ -7,10 +7,9 @@
 use faer::linalg::triangular_solve::solve_upper_triangular_in_place;
 use faer::{Mat, MatRef, Par};
 
-use super::error::RegressionError;
+use super::error::{RegressionError, check_finite};
+use super::function::Linear;
 use super::kernel::KernelModel;
-use super::linear::Linear;
-use super::sums::check_finite;
 use crate::dictionary::{Ald, Dictionary, Parameters, Selection, Thinning};
 use crate::kernel::{KernelError, Scalar, finite_norms};
 

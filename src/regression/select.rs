@@ -7,8 +7,9 @@
 use faer::{Mat, MatRef, Par};
 
 use super::error::RegressionError;
+use super::function::Bias;
 use super::kernel::KernelModel;
-use super::linear::{Bias, check_lambda, ridge};
+use super::linear::{check_lambda, ridge};
 use super::sums::Sums;
 use super::validate::{Errors, Folds, Score, shuffled};
 use crate::dictionary::{Ald, Dictionary, Parameters, Selection as _, WhenFull};

@@ -7,8 +7,8 @@ use faer::linalg::matmul::matmul;
 use faer::linalg::matmul::triangular::{BlockStructure, matmul as triangular_matmul};
 use faer::{Accum, Mat, MatRef, Par};
 
-use super::error::RegressionError;
-use super::linear::{Bias, Linear};
+use super::error::{RegressionError, check_finite};
+use super::function::{Bias, Linear};
 
 /// Running sums over samples of `p` inputs and `q` targets.
 ///
@@ -254,17 +254,6 @@ impl Sums {
     pub(super) fn free_bias(&self, weights: MatRef<'_, f64>) -> Vec<f64> {
         let predicted = weights.transpose() * &self.input_mean;
         (0..self.targets()).map(|j| self.target_mean[(j, 0)] - predicted[(j, 0)]).collect()
-    }
-}
-
-/// Values beyond this have squares that sums have no room for.
-const LARGEST: f64 = 1e150;
-
-/// Refuse matrices with values whose squares are not finite, naming the column.
-pub(super) fn check_finite(what: &'static str, matrix: MatRef<'_, f64>) -> Result<(), RegressionError> {
-    match (0..matrix.ncols()).find(|&j| matrix.col(j).iter().any(|value| !(-LARGEST..=LARGEST).contains(value))) {
-        Some(index) => Err(RegressionError::NotFinite { what, index }),
-        None => Ok(()),
     }
 }
 

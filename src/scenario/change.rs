@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use super::keys::{Range, Section};
-use super::sections::{Robot, Texture};
+use super::sections::Robot;
+use super::texture::Texture;
 
 /// Something that changes during the run.
 #[derive(Debug, Clone, PartialEq)]

@@ -12,6 +12,7 @@ mod plan;
 mod pyramids;
 mod rooms;
 mod sections;
+mod texture;
 mod topics;
 
 pub use change::{Change, Happens};
@@ -20,8 +21,9 @@ pub use keys::Fault;
 pub(crate) use plan::nearest;
 pub use plan::{Plan, PlanFault, in_goal, pieces_of as plan_pieces, segments_of as plan_segments};
 pub use pyramids::Pyramid;
-pub use rooms::{Room, SIDES};
+pub use rooms::{Room, SIDES, Wall};
 pub use sections::*;
+pub use texture::{Pattern, Texture};
 pub use topics::{Stamps, TopicChoice, Topics};
 
 use std::path::{Path, PathBuf};

@@ -4,7 +4,8 @@ use std::collections::VecDeque;
 
 use nalgebra::{Point2, Vector2};
 
-use super::sections::{Scenario, Task, Wall};
+use super::rooms::Wall;
+use super::sections::{Scenario, Task};
 
 /// More cells than this are refused: the room is too large for its resolution.
 const MOST_CELLS: usize = 4_000_000;

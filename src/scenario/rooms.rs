@@ -1,4 +1,4 @@
-//! `[[world.room]]`: rectangles whose union is free floor, with walls around it.
+//! `[[world.wall]]`, and `[[world.room]]`: rectangles whose union is free floor, with walls around it.
 //!
 //! Where rooms touch or overlap there is no wall between them. So a corridor is a room of its own, a door is a small one, and
 //! two rooms that stand apart have a wall between them that is as thick as the gap.
@@ -8,7 +8,7 @@ use std::path::Path;
 use nalgebra::Point2;
 
 use super::keys::{Range, Section};
-use super::sections::{Defaults, Texture, Wall};
+use super::texture::{Defaults, Texture};
 
 /// Sides of a room in the order of their walls: counter-clockwise, from the side of the smallest y.
 pub const SIDES: [&str; 4] = ["south", "east", "north", "west"];
@@ -29,6 +29,21 @@ pub struct Room {
     pub height: f64,
     /// Texture of each side, in the order of [`SIDES`].
     pub sides: [Texture; 4],
+}
+
+/// `[[world.wall]]`: a polyline that stands upright.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Wall {
+    /// Corners, metres.
+    pub points: Vec<[f64; 2]>,
+    /// Whether the last corner is joined to the first.
+    pub closed: bool,
+    /// Parts without a wall, from and to, metres along it, in order and apart from each other.
+    pub gaps: Vec<[f64; 2]>,
+    /// Height, metres.
+    pub height: f64,
+    /// Texture.
+    pub texture: Texture,
 }
 
 impl Room {
@@ -84,7 +99,7 @@ pub fn walls_of(rooms: &[Room]) -> Vec<Wall> {
     walls.collect()
 }
 
-/// Snapshot of a room's side without a wall, from and to, metres along the side, in order and apart from each other.
+/// Parts of a room's side without a wall, from and to, metres along the side, in order and apart from each other.
 fn gaps(rooms: &[Room], index: usize, side: usize) -> Vec<[f64; 2]> {
     let room = &rooms[index];
     // South and north run along x, east and west along y; east and north lie where coordinates are largest.

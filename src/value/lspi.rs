@@ -10,7 +10,7 @@ use super::cross::{self, GreedyCross};
 use super::error::{discount, finite_matrix, parameter, ridge};
 use super::norm::closeness_weights;
 use super::soft::LocalErrors;
-use super::{Policy, ValueError};
+use super::{Policy, ValueError, greedy};
 
 /// The policy of the first evaluation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -385,13 +385,4 @@ fn first_policy(outcomes: &Outcomes<'_>, actions: usize, start: Start) -> Mat<f6
 fn greedy_after(outcomes: &Outcomes<'_>, q: &Mat<f64>) -> Vec<usize> {
     let value = |sample: usize, a: usize| if outcomes.allows(sample, a) { q[(a, sample)] } else { f64::NEG_INFINITY };
     (0..q.ncols()).map(|sample| greedy((0..q.nrows()).map(|a| value(sample, a)))).collect()
-}
-
-/// The number of the largest value; of equal ones the first, and 0 where nothing compares.
-pub fn greedy(values: impl IntoIterator<Item = f64>) -> usize {
-    values
-        .into_iter()
-        .enumerate()
-        .fold((0, f64::NEG_INFINITY), |best, (index, value)| if value > best.1 { (index, value) } else { best })
-        .0
 }

@@ -92,7 +92,7 @@ impl Policy {
     pub fn greedy(q: MatRef<'_, f64>) -> Result<Self, ValueError> {
         let known = |a: usize, s: usize| if q[(a, s)] == f64::NEG_INFINITY { 0.0 } else { q[(a, s)] };
         finite_matrix("q", Mat::from_fn(q.nrows(), q.ncols(), known).as_ref())?;
-        let chosen: Vec<usize> = (0..q.ncols()).map(|s| super::greedy((0..q.nrows()).map(|a| q[(a, s)]))).collect();
+        let chosen: Vec<usize> = (0..q.ncols()).map(|s| greedy((0..q.nrows()).map(|a| q[(a, s)]))).collect();
         Policy::deterministic(&chosen, q.nrows())
     }
 
@@ -138,7 +138,7 @@ impl Policy {
     /// The most probable action of each state; of equal ones the first.
     pub fn chosen(&self) -> Vec<usize> {
         let p = &self.probabilities;
-        (0..p.ncols()).map(|s| super::greedy((0..p.nrows()).map(|a| p[(a, s)]))).collect()
+        (0..p.ncols()).map(|s| greedy((0..p.nrows()).map(|a| p[(a, s)]))).collect()
     }
 
     /// An action for a probability `u` drawn uniformly from [0, 1). `state` is in range.
@@ -171,4 +171,13 @@ pub(super) fn draw(probabilities: impl Iterator<Item = f64>, u: f64) -> usize {
         }
     }
     last
+}
+
+/// The number of the largest value; of equal ones the first, and 0 where nothing compares.
+pub fn greedy(values: impl IntoIterator<Item = f64>) -> usize {
+    values
+        .into_iter()
+        .enumerate()
+        .fold((0, f64::NEG_INFINITY), |best, (index, value)| if value > best.1 { (index, value) } else { best })
+        .0
 }

@@ -5,8 +5,9 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::Camera;
-use super::batch::{Batch, Eye};
+use super::batch::Batch;
 use super::distractors::{Distractor, Present};
+use super::eye::Eye;
 use crate::gpu::{Choice, Gpu};
 use crate::robot::Pose;
 use crate::scenario::{Happens, Scenario};

@@ -4,10 +4,9 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 use super::Camera;
-use super::distractors::Present;
+use super::eye::{Eye, on_all_threads};
 use super::views::Views;
 use crate::gpu::{Choice, Gpu, GpuError};
-use crate::robot::Pose;
 use crate::scenario::Renderer;
 use crate::vision::Image;
 
@@ -16,14 +15,6 @@ const FEWEST: usize = 64;
 
 /// Views that are rendered both ways, to see which is faster.
 const TRIED: usize = 256;
-
-/// What is seen from where.
-pub struct Eye<'a> {
-    /// Of the robot.
-    pub pose: &'a Pose,
-    /// Distractors as they are then: as many for each view.
-    pub distractors: &'a [Present],
-}
 
 /// The choice between the two renderers, made once.
 pub struct Batch {
@@ -177,22 +168,3 @@ fn compare(gpu: &Arc<Gpu>, camera: &Arc<Camera>, eyes: &[Eye<'_>]) -> Result<(Du
     }
     Ok((by_cpu, by_gpu))
 }
-
-/// Do something with each item, on as many threads as there are cores, each of them with a part of its own.
-///
-/// Not by rayon: whoever waits there takes up other work, which may wait for the same device.
-pub(super) fn on_all_threads<T: Send>(items: &mut [T], work: impl Fn(usize, &mut T) + Sync) {
-    let all = |first: usize, part: &mut [T]| part.iter_mut().enumerate().for_each(|(i, item)| work(first + i, item));
-    let threads = std::thread::available_parallelism().map_or(1, usize::from);
-    let size = items.len().div_ceil(threads).max(FEWEST_FOR_A_THREAD);
-    if items.len() <= size {
-        return all(0, items);
-    }
-    std::thread::scope(|scope| {
-        let parts = items.chunks_mut(size).enumerate();
-        parts.for_each(|(number, part)| drop(scope.spawn(move || all(number * size, part))));
-    });
-}
-
-/// A thread takes as long to start as this many small views take to be copied.
-const FEWEST_FOR_A_THREAD: usize = 32;

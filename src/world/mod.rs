@@ -9,6 +9,7 @@ mod batch;
 mod body;
 mod camera;
 mod distractors;
+mod eye;
 mod noise;
 mod pyramids;
 mod sensor;

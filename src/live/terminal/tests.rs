@@ -1,7 +1,8 @@
 //! What the terminal shows of a view that is made up.
 
 use super::super::maps::Maps;
-use super::super::view::{Curve, Curves, DecisionView, FeaturesView, HealthView, Phase, Picture, TaskView, WallView};
+use super::super::picture::Picture;
+use super::super::view::{Curve, Curves, DecisionView, FeaturesView, HealthView, Phase, TaskView, WallView};
 use super::*;
 use std::sync::Arc;
 

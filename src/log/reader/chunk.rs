@@ -7,7 +7,7 @@ use mcap::{
     sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions},
 };
 
-use super::{frames::HEAD, lengths};
+use super::lengths::{self, HEAD};
 use crate::log::{MAX_RECORD_BYTES, writer::with_sources};
 
 /// Bytes of a chunk's header without the name of its compression.

@@ -4,11 +4,8 @@ use std::io::{self, Read, Seek, SeekFrom};
 
 use mcap::{MAGIC, records::op};
 
-use super::chunk;
+use super::{chunk, lengths::HEAD};
 use crate::log::{MAX_ATTACHMENT_BYTES, MAX_RECORD_BYTES};
-
-/// Bytes before a record's body: its kind and the body's length.
-pub(super) const HEAD: usize = 1 + 8;
 
 /// What comes next in a file.
 pub(super) enum Next {

@@ -5,6 +5,9 @@
 
 use mcap::records::op;
 
+/// Bytes before a record's body: its kind and the body's length.
+pub(super) const HEAD: usize = 1 + 8;
+
 /// Checks that the parts of a record fit into it. The error says what does not.
 pub(super) fn check(kind: u8, body: &[u8]) -> Result<(), String> {
     let mut parts = Snapshot(body);

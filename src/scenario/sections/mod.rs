@@ -10,8 +10,7 @@ pub use agent::*;
 pub use conduct::*;
 pub use learning::*;
 pub use robot::*;
-pub(super) use world::Defaults;
-pub use world::{Pattern, Renderer, Texture, Wall, World};
+pub use world::{Renderer, World};
 
 use std::path::Path;
 

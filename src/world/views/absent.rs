@@ -4,7 +4,7 @@ use std::convert::Infallible;
 use std::sync::Arc;
 
 use super::Camera;
-use super::batch::Eye;
+use super::eye::Eye;
 use crate::gpu::{Gpu, GpuError};
 use crate::vision::Image;
 

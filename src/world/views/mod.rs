@@ -18,14 +18,14 @@ use wgpu::{
 
 use self::scene::{Scene, Words};
 use super::Camera;
-use super::batch::{Eye, on_all_threads};
+use super::eye::{Eye, on_all_threads};
 use crate::gpu::{Gpu, GpuError};
 use crate::vision::Image;
 
 /// Pixels rendered at once, at most: 50 MB of colours, for each of two parts here and on the device.
 const MOST_PIXELS: u64 = 1 << 24;
 
-/// Snapshot into which many views are cut: the more, the less there is to read at the end while nothing is rendered.
+/// Parts into which many views are cut: the more, the less there is to read at the end while nothing is rendered.
 const PARTS: usize = 4;
 
 /// Fewer views are not worth being rendered in parts.
