@@ -71,14 +71,22 @@ pub fn logs(run: &Path) -> Result<Vec<PathBuf>, Ending> {
 /// What a run learned: from the checkpoint in its folder, or from the newest one in its log.
 pub fn learned(run: &Path) -> Result<(Learned, Scenario), Ending> {
     let file = run.join(CHECKPOINT_NAME);
-    let (bytes, path) = if file.is_file() {
-        let bytes =
-            std::fs::read(&file).map_err(|cause| Ending::Failed(format!("cannot read {}: {cause}", file.display())))?;
-        (bytes, file)
-    } else {
-        newest_attachment(run)?
-    };
-    read_checkpoint(&bytes, &path).map_err(|error| Ending::Failed(format!("{}: {error}", path.display())))
+    if file.is_file() {
+        return checkpoint(&file);
+    }
+    let (bytes, path) = newest_attachment(run)?;
+    Ok(read_checkpoint(&bytes, &path).map_err(|error| format!("{}: {error}", path.display()))?)
+}
+
+/// What a checkpoint holds.
+pub fn checkpoint(path: &Path) -> Result<(Learned, Scenario), Ending> {
+    let bytes = std::fs::read(path).map_err(|cause| format!("cannot read {}: {cause}", path.display()))?;
+    Ok(read_checkpoint(&bytes, path).map_err(|error| format!("{}: {error}", path.display()))?)
+}
+
+/// Why a log shows nothing.
+pub fn no_records(path: &Path) -> Ending {
+    format!("{} holds no records: it is not an MCAP log, or was cut at its beginning", path.display()).into()
 }
 
 fn newest_attachment(run: &Path) -> Result<(Vec<u8>, PathBuf), Ending> {

@@ -129,11 +129,9 @@ struct Told {
 }
 
 /// Make a report of a run or log.
-pub fn report(args: &ReportArgs) -> Ending {
-    match made(args) {
-        Ok((made, gathered, out)) => told(args, made, &gathered, &out),
-        Err(ending) => ending,
-    }
+pub fn report(args: &ReportArgs) -> Result<(), Ending> {
+    let (made, gathered, out) = made(args)?;
+    told(args, made, &gathered, &out)
 }
 
 fn made(args: &ReportArgs) -> Result<(Made, Gathered, PathBuf), Ending> {
@@ -142,10 +140,7 @@ fn made(args: &ReportArgs) -> Result<(Made, Gathered, PathBuf), Ending> {
     let files = folder::logs(&args.run)?;
     let mut gathered = read(files.clone(), &steps).map_err(Ending::Failed)?;
     if gathered.topics.is_empty() && gathered.metadata.is_empty() {
-        let path = args.run.display();
-        return Err(Ending::Failed(format!(
-            "{path} holds no records: it is not an MCAP log, or was cut at its beginning"
-        )));
+        return Err(folder::no_records(&args.run));
     }
     let made = if gathered.is_own() {
         of_run(args, &files, &gathered, &steps)
@@ -154,7 +149,7 @@ fn made(args: &ReportArgs) -> Result<(Made, Gathered, PathBuf), Ending> {
     }?;
     let out = place(args)?;
     let put = |path: &Path, bytes: &[u8]| OpenOptions::new().write(true).create_new(true).open(path)?.write_all(bytes);
-    write(&made, &out, &put).map_err(Ending::failed)?;
+    write(&made, &out, &put)?;
     let seconds = begin.elapsed().as_secs_f64();
     steps.end(&format!("{REPORT_NAME} and {} drawings in {seconds:.1} s", made.figures.len()));
     Ok((made, gathered, out))
@@ -216,7 +211,7 @@ fn of_run(args: &ReportArgs, files: &[PathBuf], gathered: &Gathered, steps: &Ste
 /// The report of a log that another program wrote.
 fn of_other(args: &ReportArgs, files: Vec<PathBuf>, gathered: &mut Gathered, steps: &Steps) -> Result<Made, Ending> {
     steps.begin("report: another program's log: looking for camera and pose");
-    let found = foreign::look(files, gathered).map_err(Ending::failed)?;
+    let found = foreign::look(files, gathered)?;
     let Foreign { camera, pose, pictures, unreadable, reason } = found;
     let topic = |topic: Option<String>, without: &str| topic.unwrap_or_else(|| without.to_owned());
     let mut losses = vec![
@@ -262,7 +257,7 @@ impl Without<'_> {
             pictures: self.pictures,
             losses: self.losses,
         };
-        make(&format!("Adagio: {}", args.run.display()), &material).map_err(Ending::failed)
+        Ok(make(&format!("Adagio: {}", args.run.display()), &material)?)
     }
 }
 
@@ -310,11 +305,11 @@ fn place(args: &ReportArgs) -> Result<PathBuf, Ending> {
     Err(Ending::Failed(format!("{} has too many reports: name a folder with --out", args.run.display())))
 }
 
-fn told(args: &ReportArgs, made: Made, gathered: &Gathered, out: &Path) -> Ending {
+fn told(args: &ReportArgs, made: Made, gathered: &Gathered, out: &Path) -> Result<(), Ending> {
     let page = out.join(REPORT_NAME).display().to_string();
     let plot = |name: &str| out.join(PLOTS_NAME).join(format!("{name}.svg")).display().to_string();
     let Made { verdict, figures, missing, .. } = made;
-    let printed = if args.json {
+    if args.json {
         print_json(&Told {
             report: page,
             plots: figures.iter().map(|figure| plot(&figure.name)).collect(),
@@ -324,16 +319,16 @@ fn told(args: &ReportArgs, made: Made, gathered: &Gathered, out: &Path) -> Endin
             missing,
             damaged: gathered.damaged,
             closed: gathered.closed,
-        })
+        })?;
     } else {
         let missing: Vec<String> = missing.iter().map(|missing| format!("missing: {missing}\n")).collect();
         let drawings = out.join(PLOTS_NAME);
         let kept = format!("kept in {page}, its {} drawings in {}\n", figures.len(), drawings.display());
-        print(&format!("{}\n{}\n{}{kept}", verdict.headline, verdict.sentences.join("\n"), missing.concat()))
-    };
+        print(&format!("{}\n{}\n{}{kept}", verdict.headline, verdict.sentences.join("\n"), missing.concat()))?;
+    }
     let complete = gathered.damaged == 0 && gathered.missing() == 0 && (gathered.closed || !gathered.is_own());
-    if printed != Ending::Done || complete {
-        return printed;
+    if complete {
+        return Ok(());
     }
     let mut lost = Vec::new();
     if gathered.damaged > 0 {
@@ -345,5 +340,5 @@ fn told(args: &ReportArgs, made: Made, gathered: &Gathered, out: &Path) -> Endin
     if !gathered.closed {
         lost.push("the log was not closed".to_owned());
     }
-    Ending::DataLoss(format!("{}: {}; the report shows what there is", args.run.display(), lost.join(", ")))
+    Err(Ending::DataLoss(format!("{}: {}; the report shows what there is", args.run.display(), lost.join(", "))))
 }
