@@ -45,11 +45,7 @@ fn written(args: &ExportArgs) -> Result<About, Ending> {
 /// What a run learned, or what a checkpoint holds.
 fn model_of(path: &Path) -> Result<Model, Ending> {
     let is_checkpoint = path.is_file() && path.extension().is_some_and(|extension| extension == "safetensors");
-    let (learned, scenario) = if is_checkpoint {
-        folder::checkpoint(path)?
-    } else {
-        folder::learned(path)?
-    };
+    let (learned, scenario) = if is_checkpoint { folder::checkpoint(path)? } else { folder::learned(path)? };
     Ok(Model { learned, scenario, path: path.to_owned() })
 }
 

@@ -1,7 +1,7 @@
 //! `adagio report RUN`, and the report that a run leaves at its end.
 
 use std::fs::{self, OpenOptions};
-use std::io::{self, ErrorKind, Write};
+use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
@@ -263,46 +263,22 @@ impl Without<'_> {
 
 /// The folder of the report, with an empty folder for its drawings; nothing that exists is touched.
 fn place(args: &ReportArgs) -> Result<PathBuf, Ending> {
-    let failed = |path: &Path, cause: &io::Error| {
-        Ending::Failed(format!("cannot create the folder {}: {cause} (name another place with --out)", path.display()))
-    };
-    let create = |path: &Path| fs::create_dir(path).and_then(|()| fs::create_dir(path.join(PLOTS_NAME)));
+    let make = |path: &Path| fs::create_dir(path).and_then(|()| fs::create_dir(path.join(PLOTS_NAME)));
     if let Some(out) = &args.out {
-        if let Some(parent) = out.parent() {
-            fs::create_dir_all(parent).map_err(|cause| failed(out, &cause))?;
-        }
-        return match create(out) {
-            Ok(()) => Ok(out.clone()),
-            Err(cause) if cause.kind() == ErrorKind::AlreadyExists => Err(Ending::Usage(format!(
-                "{} exists already, and nothing is ever overwritten: name another folder with --out",
-                out.display()
-            ))),
-            Err(cause) => Err(failed(out, &cause)),
-        };
+        return folder::named(out, make);
     }
-    let base = if args.run.is_dir() {
+    if args.run.is_dir() {
         if !args.run.join(REPORT_NAME).exists() && fs::create_dir(args.run.join(PLOTS_NAME)).is_ok() {
             return Ok(args.run.clone());
         }
-        args.run.join("report")
-    } else {
-        let stem = args.run.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        let beside = args.run.with_file_name(format!("{stem}-report"));
-        match create(&beside) {
-            Ok(()) => return Ok(beside),
-            Err(cause) if cause.kind() == ErrorKind::AlreadyExists => beside,
-            Err(cause) => return Err(failed(&beside, &cause)),
-        }
-    };
-    for number in 2..10_000 {
-        let path = PathBuf::from(format!("{}-{number}", base.display()));
-        match create(&path) {
-            Ok(()) => return Ok(path),
-            Err(cause) if cause.kind() == ErrorKind::AlreadyExists => {}
-            Err(cause) => return Err(failed(&path, &cause)),
-        }
+        // The run's own is the first one.
+        let taken = |path: &Path| {
+            if path == args.run.join("report") { Err(ErrorKind::AlreadyExists.into()) } else { make(path) }
+        };
+        return folder::numbered(&args.run.join("report"), taken);
     }
-    Err(Ending::Failed(format!("{} has too many reports: name a folder with --out", args.run.display())))
+    let stem = args.run.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    folder::numbered(&args.run.with_file_name(format!("{stem}-report")), make)
 }
 
 fn told(args: &ReportArgs, made: Made, gathered: &Gathered, out: &Path) -> Result<(), Ending> {
