@@ -37,10 +37,10 @@ fn main() -> ExitCode {
         }
     }
     let (code, text) = match dispatch(cli, &STOP) {
-        Ending::Done => return ExitCode::SUCCESS,
-        Ending::Failed(text) => (FAILED, text),
-        Ending::Usage(text) => (USAGE, text),
-        Ending::DataLoss(text) => (DATA_LOSS, text),
+        Ok(()) => return ExitCode::SUCCESS,
+        Err(Ending::Failed(text)) => (FAILED, text),
+        Err(Ending::Usage(text)) => (USAGE, text),
+        Err(Ending::DataLoss(text)) => (DATA_LOSS, text),
     };
     eprintln!("adagio: {text}");
     ExitCode::from(code)

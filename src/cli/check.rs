@@ -17,7 +17,7 @@ use crate::scenario::Scenario;
 use crate::world::World;
 
 /// Check a scenario, or the logs of a run.
-pub fn check(args: &CheckArgs) -> Ending {
+pub fn check(args: &CheckArgs) -> Result<(), Ending> {
     let is_log = args.target.extension().is_some_and(|extension| extension == "mcap");
     if args.target.is_dir() || is_log { logs(&args.target, args.json) } else { scenario(args) }
 }
@@ -40,16 +40,10 @@ struct Sizes {
     log: LogForecast,
 }
 
-fn scenario(args: &CheckArgs) -> Ending {
-    let scenario = match load(&args.target, &args.set) {
-        Ok(scenario) => scenario,
-        Err(ending) => return ending,
-    };
+fn scenario(args: &CheckArgs) -> Result<(), Ending> {
+    let scenario = load(&args.target, &args.set)?;
     let memory = Memory::of(&scenario);
-    let log = match forecast(&scenario) {
-        Ok(log) => log,
-        Err(reason) => return Ending::Failed(reason),
-    };
+    let log = forecast(&scenario)?;
     let sizes = Sizes {
         valid: true,
         name: scenario.name.clone(),
@@ -90,11 +84,11 @@ fn scenario(args: &CheckArgs) -> Ending {
 }
 
 /// How large the log of a run will be.
-fn forecast(scenario: &Scenario) -> Result<LogForecast, String> {
-    let world = Arc::new(World::new(scenario).map_err(|error| error.to_string())?);
+fn forecast(scenario: &Scenario) -> Result<LogForecast, Ending> {
+    let world = Arc::new(World::new(scenario)?);
     let (options, rotation) = log_options(scenario);
     let metadata = metadata(scenario, &Origin::default());
-    LogForecast::of(scenario, &world, &options, rotation, &metadata).map_err(|error| error.to_string())
+    Ok(LogForecast::of(scenario, &world, &options, rotation, &metadata)?)
 }
 
 /// What `--json` prints of one log file.
@@ -150,20 +144,14 @@ impl Checked {
     }
 }
 
-fn logs(run: &Path, json: bool) -> Ending {
-    let files = match folder::logs(run) {
-        Ok(files) => files,
-        Err(ending) => return ending,
-    };
+fn logs(run: &Path, json: bool) -> Result<(), Ending> {
+    let files = folder::logs(run)?;
     let mut checked: Vec<Checked> = Vec::new();
     // Files since the last observation that were not closed: a run may be killed and resumed several times without one.
     let mut unclosed: Vec<usize> = Vec::new();
     let mut last = None;
     for file in files {
-        let summary = match summarise(&file) {
-            Ok(summary) => summary,
-            Err(error) => return Ending::failed(error),
-        };
+        let summary = summarise(&file)?;
         let mut this = Checked::new(&file, &summary);
         if let Some((first, end)) = summary.observations {
             // Numbers wrap around; a file that begins again before the last one ended would be out of order.
@@ -201,14 +189,11 @@ fn logs(run: &Path, json: bool) -> Ending {
             }
         }
     }
-    let printed = if json { print_json(&checked) } else { print(&text) };
-    if printed != Ending::Done {
-        return printed;
-    }
+    if json { print_json(&checked) } else { print(&text) }?;
     let mut dropped = 0;
     let bad = checked.iter().filter(|file| !file.is_whole(std::mem::replace(&mut dropped, file.dropped_frames)));
     match bad.count() {
-        0 => Ending::Done,
-        bad => Ending::DataLoss(format!("{bad} of {} log files are not whole", checked.len())),
+        0 => Ok(()),
+        bad => Err(Ending::DataLoss(format!("{bad} of {} log files are not whole", checked.len()))),
     }
 }

@@ -20,15 +20,9 @@ struct Compared<'a> {
 }
 
 /// Say in what two runs differ: settings, observations, models, policies.
-pub fn compare(args: &CompareArgs) -> Ending {
-    let (a, b) = match (Recording::open(&args.a), Recording::open(&args.b)) {
-        (Ok(a), Ok(b)) => (a, b),
-        (Err(error), _) | (_, Err(error)) => return Ending::failed(error),
-    };
-    let comparison = match replay::compare(&a, &b) {
-        Err(error) => return Ending::failed(error),
-        Ok(comparison) => comparison,
-    };
+pub fn compare(args: &CompareArgs) -> Result<(), Ending> {
+    let (a, b) = (Recording::open(&args.a)?, Recording::open(&args.b)?);
+    let comparison = replay::compare(&a, &b)?;
     let reports = [&args.a, &args.b].map(|run| report(run));
     if args.json {
         let computed_by = reports.each_ref().map(|report| &report["computed_by"]);

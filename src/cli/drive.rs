@@ -5,7 +5,7 @@ use std::fs::File;
 use std::io::Write;
 use std::path::Path;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use super::{Ending, print, print_json, progress, report};
@@ -14,8 +14,9 @@ use crate::agent::{
     Status,
 };
 use crate::evaluate::{Evaluator, decode_pose};
+use crate::live::SetWhenDropped;
 use crate::live::serve::{Server, Stage};
-use crate::log::{LogOptions, Rotation, RunLog};
+use crate::log::{Folder, LogOptions, Rotation, RunLog};
 use crate::report::gather::ROOM;
 use crate::report::{ComputedBy, Origin, Program, Report, table};
 use crate::scenario::{Compute, Scenario};
@@ -56,7 +57,35 @@ pub struct Drive<'a> {
     pub curve: Vec<CurvePoint>,
 }
 
-impl Drive<'_> {
+impl<'a> Drive<'a> {
+    /// A run from its start to its end that nobody watches and that is not kept, with a report.
+    pub fn new(
+        scenario: &'a Arc<Scenario>,
+        world: &'a Arc<World>,
+        run: &'a Path,
+        stop: &'a AtomicBool,
+        quiet: bool,
+    ) -> Self {
+        Drive {
+            scenario,
+            world,
+            run,
+            stop,
+            quiet,
+            recording: None,
+            most_actions: None,
+            likely_actions: None,
+            evaluate: true,
+            report: true,
+            sampler: None,
+            server: None,
+            origin: Origin::default(),
+            keep: false,
+            state: None,
+            curve: Vec::new(),
+        }
+    }
+
     /// Run to the end, evaluate what was learned, and write the report. The error is one for people.
     pub fn go(self, source: &mut (dyn Source + Send), log: RunLog) -> Result<Report, String> {
         let text = |error: &dyn std::fmt::Display| error.to_string();
@@ -173,12 +202,14 @@ pub fn watched<R>(quiet: bool, actions: u64, sampler: Option<&Sampler>, work: im
 }
 
 /// Print what came of a run in a folder.
-pub fn ending(result: Result<Report, String>, run: &Path, json: bool) -> Ending {
-    match result {
-        Ok(report) if json => print_json(&report),
-        Ok(report) => print(&format!("{}kept in {}\n", table(&report), run.display())),
-        Err(reason) => Ending::Failed(format!("{reason}\nwhat was recorded is kept in {}", run.display())),
-    }
+pub fn ending(result: Result<Report, String>, run: &Path, json: bool) -> Result<(), Ending> {
+    let report = result.map_err(|reason| kept(&reason, run))?;
+    if json { print_json(&report) } else { print(&format!("{}kept in {}\n", table(&report), run.display())) }
+}
+
+/// What to say of a run that failed in its folder.
+pub fn kept(reason: &str, run: &Path) -> Ending {
+    Ending::Failed(format!("{reason}\nwhat was recorded is kept in {}", run.display()))
 }
 
 /// Write a file of a run folder: aside, then renamed, so that it is whole or not there. A report says that a run is done.
@@ -190,6 +221,13 @@ pub fn write(run: &Path, name: &str, bytes: &[u8]) -> Result<(), String> {
     });
     let renamed = written.and_then(|()| std::fs::rename(&aside, &path));
     renamed.map_err(|cause| format!("cannot write {}: {cause}", path.display()))
+}
+
+/// Keep the scenario of a new run in its folder, and begin the run's log.
+pub fn begin(run: &Path, scenario: &Scenario, origin: &Origin) -> Result<RunLog, String> {
+    write(run, "scenario.toml", scenario.text.as_bytes())?;
+    let (options, rotation) = log_options(scenario);
+    RunLog::create(Folder::new(run), &options, rotation, &metadata(scenario, origin)).map_err(|error| error.to_string())
 }
 
 /// How a scenario wants its log written.
@@ -228,12 +266,4 @@ pub fn metadata(scenario: &Scenario, origin: &Origin) -> BTreeMap<String, String
         metadata.insert("replay_of".to_owned(), of.clone());
     }
     metadata
-}
-
-struct SetWhenDropped<'a>(&'a AtomicBool);
-
-impl Drop for SetWhenDropped<'_> {
-    fn drop(&mut self) {
-        self.0.store(true, Ordering::Relaxed);
-    }
 }

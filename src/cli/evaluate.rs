@@ -18,16 +18,10 @@ struct Evaluation {
 }
 
 /// Try a run's policies from random starts in the run's own world.
-pub fn evaluate(args: &EvaluateArgs) -> Ending {
-    let (learned, scenario) = match folder::learned(&args.run) {
-        Ok(found) => found,
-        Err(ending) => return ending,
-    };
+pub fn evaluate(args: &EvaluateArgs) -> Result<(), Ending> {
+    let (learned, scenario) = folder::learned(&args.run)?;
     let scenario = Arc::new(scenario);
-    let world = match World::new(&scenario) {
-        Ok(world) => Arc::new(world),
-        Err(error) => return Ending::failed(error),
-    };
+    let world = Arc::new(World::new(&scenario)?);
     let no_device = world.appearance.prepare();
     if let Some(warning) = &no_device {
         eprintln!("warning: {warning}");

@@ -16,12 +16,9 @@ const EXPERIMENTS: &str = "experiments";
 const CACHE: &str = "cache";
 
 /// Do an experiment, or list them.
-pub fn experiment(args: &ExperimentArgs, stop: &AtomicBool) -> Ending {
+pub fn experiment(args: &ExperimentArgs, stop: &AtomicBool) -> Result<(), Ending> {
     let Some(name) = &args.name else { return list(args.json) };
-    let experiment = match experiment::find(name) {
-        Ok(experiment) => experiment,
-        Err(error) => return Ending::Usage(error.to_string()),
-    };
+    let experiment = experiment::find(name).map_err(Ending::usage)?;
     let size = match (args.quick, args.smoke) {
         (_, true) => Size::Smoke,
         (true, _) => Size::Quick,
@@ -49,12 +46,12 @@ pub fn experiment(args: &ExperimentArgs, stop: &AtomicBool) -> Ending {
     match experiment::run(experiment, &scope, stop) {
         Ok((value, _)) if args.json => print_json(&value),
         Ok((_, text)) => print(&format!("{text}\nkept in {}\n", scope.out.display())),
-        Err(error @ ExperimentError::Exists(_)) => Ending::Usage(error.to_string()),
-        Err(error) => Ending::failed(error),
+        Err(error @ ExperimentError::Exists(_)) => Err(Ending::usage(error)),
+        Err(error) => Err(error.into()),
     }
 }
 
-fn list(as_json: bool) -> Ending {
+fn list(as_json: bool) -> Result<(), Ending> {
     if as_json {
         let entry = |experiment: &experiment::Experiment| {
             json!({

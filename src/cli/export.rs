@@ -4,30 +4,25 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::{Ending, ExportArgs, folder, print, print_json};
-use crate::agent::read_checkpoint;
 use crate::export::{About, Model, export as write};
 use crate::replay::Recording;
 use crate::report::Numbered;
 use crate::scenario::Scenario;
 
 /// Write a recorded run as arrays for Python, and its images as PNG.
-pub fn export(args: &ExportArgs) -> Ending {
-    match written(args) {
-        Err(ending) => ending,
-        Ok(about) => {
-            let printed = if args.json { print_json(&about) } else { print(&told(args, &about)) };
-            if printed != Ending::Done || about.damaged == 0 {
-                return printed;
-            }
-            let damaged = Numbered(about.damaged);
-            Ending::DataLoss(format!("{damaged} frames or records of {} could not be used", args.run.display()))
-        }
+pub fn export(args: &ExportArgs) -> Result<(), Ending> {
+    let about = written(args)?;
+    if args.json { print_json(&about) } else { print(&told(args, &about)) }?;
+    if about.damaged == 0 {
+        return Ok(());
     }
+    let damaged = Numbered(about.damaged);
+    Err(Ending::DataLoss(format!("{damaged} frames or records of {} could not be used", args.run.display())))
 }
 
 fn written(args: &ExportArgs) -> Result<About, Ending> {
-    let recording = Recording::open(&args.run).map_err(Ending::failed)?;
-    let scenario = Arc::new(recording.scenario(&[]).map_err(|error| Ending::Usage(error.to_string()))?);
+    let recording = Recording::open(&args.run)?;
+    let scenario = Arc::new(recording.scenario(&[]).map_err(Ending::usage)?);
     let model = match &args.model {
         Some(path) => Some(model_of(path)?),
         None => match model_of(&args.run) {
@@ -44,19 +39,13 @@ fn written(args: &ExportArgs) -> Result<About, Ending> {
     }
     let out = folder::create(Some(&args.out), &scenario)?;
     let about = write(&recording, &args.run, &scenario, model.as_ref(), args.images, &out);
-    about.map_err(|error| Ending::Failed(format!("{error}\nwhat is in {} is not complete", out.display())))
+    about.map_err(|error| format!("{error}\nwhat is in {} is not complete", out.display()).into())
 }
 
 /// What a run learned, or what a checkpoint holds.
 fn model_of(path: &Path) -> Result<Model, Ending> {
     let is_checkpoint = path.is_file() && path.extension().is_some_and(|extension| extension == "safetensors");
-    let (learned, scenario) = if is_checkpoint {
-        let bytes =
-            std::fs::read(path).map_err(|cause| Ending::Failed(format!("cannot read {}: {cause}", path.display())))?;
-        read_checkpoint(&bytes, path).map_err(|error| Ending::Failed(format!("{}: {error}", path.display())))?
-    } else {
-        folder::learned(path)?
-    };
+    let (learned, scenario) = if is_checkpoint { folder::checkpoint(path)? } else { folder::learned(path)? };
     Ok(Model { learned, scenario, path: path.to_owned() })
 }
 

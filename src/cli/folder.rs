@@ -1,6 +1,6 @@
 //! Run folders: making a new one, and finding what a run left.
 
-use std::io::ErrorKind;
+use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 
 use super::Ending;
@@ -15,37 +15,47 @@ const RUNS: &str = "logs";
 
 /// Make the folder of a new run. Nothing that exists is touched.
 pub fn create(out: Option<&Path>, scenario: &Scenario) -> Result<PathBuf, Ending> {
+    let make = |path: &Path| std::fs::create_dir(path);
     if let Some(out) = out {
-        if let Some(parent) = out.parent() {
-            std::fs::create_dir_all(parent).map_err(|cause| cannot_create(out, &cause))?;
-        }
-        return match std::fs::create_dir(out) {
-            Ok(()) => Ok(out.to_owned()),
-            Err(cause) if cause.kind() == ErrorKind::AlreadyExists => {
-                let text = "exists already, and a run never overwrites anything: name another folder with --out";
-                Err(Ending::Usage(format!("{} {text}", out.display())))
-            }
-            Err(cause) => Err(cannot_create(out, &cause)),
-        };
+        return named(out, make);
     }
     let runs = Path::new(RUNS);
     std::fs::create_dir_all(runs).map_err(|cause| cannot_create(runs, &cause))?;
     let plain: String =
         scenario.name.chars().map(|c| if c.is_alphanumeric() || "-_.".contains(c) { c } else { '_' }).collect();
+    numbered(&runs.join(format!("{plain}-seed{}", scenario.seed)), make)
+}
+
+/// Make a folder that must not be there yet, in folders that may have to be made, too.
+pub fn named(out: &Path, make: impl Fn(&Path) -> io::Result<()>) -> Result<PathBuf, Ending> {
+    out.parent().map_or(Ok(()), std::fs::create_dir_all).and_then(|()| make(out)).map_err(|cause| {
+        match cause.kind() {
+            ErrorKind::AlreadyExists => Ending::Usage(format!(
+                "{} exists already, and nothing is ever overwritten: name another folder with --out",
+                out.display()
+            )),
+            _ => cannot_create(out, &cause),
+        }
+    })?;
+    Ok(out.to_owned())
+}
+
+/// Make a folder of this name, or of the first of NAME-2, NAME-3, … that is not there yet.
+pub fn numbered(base: &Path, make: impl Fn(&Path) -> io::Result<()>) -> Result<PathBuf, Ending> {
     for number in 1..100_000 {
         let suffix = if number == 1 { String::new() } else { format!("-{number}") };
-        let path = runs.join(format!("{plain}-seed{}{suffix}", scenario.seed));
-        match std::fs::create_dir(&path) {
+        let path = PathBuf::from(format!("{}{suffix}", base.display()));
+        match make(&path) {
             Ok(()) => return Ok(path),
             Err(cause) if cause.kind() == ErrorKind::AlreadyExists => {}
             Err(cause) => return Err(cannot_create(&path, &cause)),
         }
     }
-    Err(Ending::Failed(format!("{RUNS} holds too many runs of {plain}: name a folder with --out")))
+    Err(format!("there are too many folders {}-N: name another one with --out", base.display()).into())
 }
 
-fn cannot_create(path: &Path, cause: &std::io::Error) -> Ending {
-    Ending::Failed(format!("cannot create the folder {}: {cause}", path.display()))
+fn cannot_create(path: &Path, cause: &io::Error) -> Ending {
+    Ending::Failed(format!("cannot create the folder {}: {cause} (name another place with --out)", path.display()))
 }
 
 /// The log files of a run folder in their order, or a log file itself.
@@ -71,14 +81,22 @@ pub fn logs(run: &Path) -> Result<Vec<PathBuf>, Ending> {
 /// What a run learned: from the checkpoint in its folder, or from the newest one in its log.
 pub fn learned(run: &Path) -> Result<(Learned, Scenario), Ending> {
     let file = run.join(CHECKPOINT_NAME);
-    let (bytes, path) = if file.is_file() {
-        let bytes =
-            std::fs::read(&file).map_err(|cause| Ending::Failed(format!("cannot read {}: {cause}", file.display())))?;
-        (bytes, file)
-    } else {
-        newest_attachment(run)?
-    };
-    read_checkpoint(&bytes, &path).map_err(|error| Ending::Failed(format!("{}: {error}", path.display())))
+    if file.is_file() {
+        return checkpoint(&file);
+    }
+    let (bytes, path) = newest_attachment(run)?;
+    Ok(read_checkpoint(&bytes, &path).map_err(|error| format!("{}: {error}", path.display()))?)
+}
+
+/// What a checkpoint holds.
+pub fn checkpoint(path: &Path) -> Result<(Learned, Scenario), Ending> {
+    let bytes = std::fs::read(path).map_err(|cause| format!("cannot read {}: {cause}", path.display()))?;
+    Ok(read_checkpoint(&bytes, path).map_err(|error| format!("{}: {error}", path.display()))?)
+}
+
+/// Why a log shows nothing.
+pub fn no_records(path: &Path) -> Ending {
+    format!("{} holds no records: it is not an MCAP log, or was cut at its beginning", path.display()).into()
 }
 
 fn newest_attachment(run: &Path) -> Result<(Vec<u8>, PathBuf), Ending> {

@@ -4,10 +4,10 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use super::drive::{self, Drive, log_options, metadata};
+use super::drive::{self, Drive};
 use super::run::load;
 use super::{Ending, ReplayArgs, folder};
-use crate::log::{Folder, RunLog, topics};
+use crate::log::topics;
 use crate::report::Origin;
 use crate::scenario::Scenario;
 use crate::source::Imported;
@@ -18,11 +18,8 @@ use crate::world::World;
 const FEWEST_ACTIONS: u64 = 10;
 
 /// Learn from another program's log, with a scenario that says what is what.
-pub fn import(args: &ReplayArgs, file: &Path, stop: &AtomicBool) -> Ending {
-    let (survey, roles, scenario) = match prepare(args, file) {
-        Ok(prepared) => prepared,
-        Err(ending) => return ending,
-    };
+pub fn import(args: &ReplayArgs, file: &Path, stop: &AtomicBool) -> Result<(), Ending> {
+    let (survey, roles, scenario) = prepare(args, file)?;
     for damage in &survey.damage {
         eprintln!("warning: {damage}");
     }
@@ -30,43 +27,21 @@ pub fn import(args: &ReplayArgs, file: &Path, stop: &AtomicBool) -> Ending {
         eprintln!("{}", told(&roles, &scenario));
     }
     let scenario = Arc::new(scenario);
-    let world = match World::new(&scenario) {
-        Ok(world) => Arc::new(world),
-        Err(error) => return Ending::failed(error),
-    };
+    let world = Arc::new(World::new(&scenario)?);
     // That nothing can be learned shows before there is a folder.
-    let mut source = match Imported::open(scenario.clone(), &survey, &roles) {
-        Ok(source) => source,
-        Err(error) => return Ending::failed(error),
-    };
-    let run = match folder::create(args.out.as_deref(), &scenario) {
-        Ok(run) => run,
-        Err(ending) => return ending,
-    };
+    let mut source = Imported::open(scenario.clone(), &survey, &roles)?;
+    let run = folder::create(args.out.as_deref(), &scenario)?;
     let result = (|| {
-        drive::write(&run, "scenario.toml", scenario.text.as_bytes())?;
         let origin = Origin { part: 0, replay_of: Some(args.run.display().to_string()), elsewhere: args.no_evaluate };
-        let (options, rotation) = log_options(&scenario);
-        let log = RunLog::create(Folder::new(&run), &options, rotation, &metadata(&scenario, &origin));
+        let log = drive::begin(&run, &scenario, &origin)?;
         let drive = Drive {
-            scenario: &scenario,
-            world: &world,
-            run: &run,
-            stop,
-            quiet: args.quiet,
-            recording: None,
-            most_actions: None,
             likely_actions: Some((scenario.actions / scenario.robot.frames_per_action) as u64),
             evaluate: !args.no_evaluate,
             report: !args.no_report,
             origin,
-            keep: false,
-            sampler: None,
-            server: None,
-            state: None,
-            curve: Vec::new(),
+            ..Drive::new(&scenario, &world, &run, stop, args.quiet)
         };
-        drive.go(&mut source, log.map_err(|error| error.to_string())?)
+        drive.go(&mut source, log)
     })();
     drive::ending(result, &run, args.json)
 }
@@ -78,7 +53,7 @@ fn prepare(args: &ReplayArgs, file: &Path) -> Result<(Survey, Roles, Scenario), 
     wanted.notes.iter().for_each(|note| eprintln!("note: {}: {note}", file.display()));
     let refuse = |error: ImportError| match error {
         ImportError::Topic { .. } | ImportError::Rate(_) => Ending::Usage(error.to_string()),
-        _ => Ending::failed(error),
+        _ => error.into(),
     };
     let survey = Survey::of(&args.run, wanted.topics.stamps).map_err(refuse)?;
     if survey.topics.contains_key(topics::FRAME.name()) {

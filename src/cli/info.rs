@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 
 use serde::Serialize;
 
+use super::folder::no_records;
 use super::{Ending, InfoArgs, folder, print, print_json};
 use crate::log::writer::METADATA_NAME;
 use crate::log::{Ending as LogEnding, summarise};
@@ -28,30 +29,22 @@ struct File {
 }
 
 /// Say what a run folder or log holds.
-pub fn info(args: &InfoArgs) -> Ending {
-    let paths = match folder::logs(&args.run) {
-        Ok(paths) => paths,
-        Err(ending) => return ending,
-    };
+pub fn info(args: &InfoArgs) -> Result<(), Ending> {
+    let paths = folder::logs(&args.run)?;
     let mut files = Vec::new();
     for path in paths {
-        match summarise(&path) {
-            Ok(summary) if summary.messages.is_empty() && summary.metadata.is_empty() => {
-                return Ending::Failed(format!(
-                    "{} holds no records: it is not an MCAP log, or was cut at its beginning",
-                    path.display()
-                ));
-            }
-            Ok(mut summary) => files.push(File {
-                file: path.display().to_string(),
-                bytes: summary.bytes,
-                seconds: summary.stamps_ns.map_or(0.0, |(first, last)| (last - first) as f64 / 1e9),
-                complete: summary.ending == LogEnding::Complete,
-                messages: summary.messages,
-                metadata: summary.metadata.remove(METADATA_NAME).unwrap_or_default(),
-            }),
-            Err(error) => return Ending::failed(error),
+        let mut summary = summarise(&path)?;
+        if summary.messages.is_empty() && summary.metadata.is_empty() {
+            return Err(no_records(&path));
         }
+        files.push(File {
+            file: path.display().to_string(),
+            bytes: summary.bytes,
+            seconds: summary.stamps_ns.map_or(0.0, |(first, last)| (last - first) as f64 / 1e9),
+            complete: summary.ending == LogEnding::Complete,
+            messages: summary.messages,
+            metadata: summary.metadata.remove(METADATA_NAME).unwrap_or_default(),
+        });
     }
     let report = std::fs::read_to_string(args.run.join("report.json")).ok();
     let report = report.and_then(|text| serde_json::from_str(&text).ok());

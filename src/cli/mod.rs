@@ -31,11 +31,9 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 
 use crate::live::serve::parse_address;
 
-/// How a command ended.
+/// How a command ended, if not as it should.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Ending {
-    /// As it should.
-    Done,
     /// It failed, for this reason.
     Failed(String),
     /// It was called wrongly, or its scenario is not valid.
@@ -45,7 +43,14 @@ pub enum Ending {
 }
 
 impl Ending {
-    fn failed(error: impl std::fmt::Display) -> Self {
+    fn usage(error: impl std::fmt::Display) -> Self {
+        Ending::Usage(error.to_string())
+    }
+}
+
+/// Whatever goes wrong is a failure, unless it is said to be more.
+impl<E: std::fmt::Display> From<E> for Ending {
+    fn from(error: E) -> Self {
         Ending::Failed(error.to_string())
     }
 }
@@ -393,7 +398,10 @@ pub fn finishes(command: &Command) -> Option<&'static str> {
 }
 
 /// Do what the command line says; `stop` ends a run cleanly when it is set.
-pub fn dispatch(cli: Cli, stop: &AtomicBool) -> Ending {
+///
+/// # Errors
+/// How it ended, if not as it should.
+pub fn dispatch(cli: Cli, stop: &AtomicBool) -> Result<(), Ending> {
     match cli.command {
         Command::Run(args) => run::run(&args, stop),
         Command::Check(args) => check::check(&args),
@@ -412,19 +420,15 @@ pub fn dispatch(cli: Cli, stop: &AtomicBool) -> Ending {
 }
 
 /// A result on stdout. A reader that has seen enough (`| head`) is no failure.
-fn print(text: &str) -> Ending {
+fn print(text: &str) -> Result<(), Ending> {
     let mut stdout = std::io::stdout().lock();
     match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {
-        Ok(()) => Ending::Done,
-        Err(error) if error.kind() == ErrorKind::BrokenPipe => Ending::Done,
-        Err(error) => Ending::Failed(format!("cannot write to stdout: {error}")),
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(format!("cannot write to stdout: {error}").into()),
+        _ => Ok(()),
     }
 }
 
 /// A value as readable JSON on stdout.
-fn print_json(value: &impl serde::Serialize) -> Ending {
-    match serde_json::to_string_pretty(value) {
-        Ok(text) => print(&(text + "\n")),
-        Err(error) => Ending::failed(error),
-    }
+fn print_json(value: &impl serde::Serialize) -> Result<(), Ending> {
+    print(&(serde_json::to_string_pretty(value)? + "\n"))
 }

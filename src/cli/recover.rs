@@ -26,16 +26,10 @@ struct Recovered {
 }
 
 /// Copy what can be read of a log into a new, clean file, and say what is lost.
-pub fn recover(args: &RecoverArgs) -> Ending {
+pub fn recover(args: &RecoverArgs) -> Result<(), Ending> {
     let out = args.out.clone().unwrap_or_else(|| args.file.with_extension("recovered.mcap"));
-    let found = match copy(&args.file, &out) {
-        Ok(found) => found,
-        Err(error) => return Ending::failed(error),
-    };
-    let summary = match summarise(&out) {
-        Ok(summary) => summary,
-        Err(error) => return Ending::failed(error),
-    };
+    let found = copy(&args.file, &out)?;
+    let summary = summarise(&out)?;
     let result = Recovered {
         out: out.display().to_string(),
         messages: found.messages,
@@ -59,9 +53,9 @@ pub fn recover(args: &RecoverArgs) -> Ending {
     if result.missing_observations > 0 {
         let _ = writeln!(text, "{} observations are missing", Numbered(result.missing_observations));
     }
-    let printed = if args.json { print_json(&result) } else { print(&text) };
-    if printed == Ending::Done && (result.lost_records > 0 || result.missing_observations > 0) {
-        return Ending::DataLoss(format!("{} is not all that was recorded", result.out));
+    if args.json { print_json(&result) } else { print(&text) }?;
+    if result.lost_records > 0 || result.missing_observations > 0 {
+        return Err(Ending::DataLoss(format!("{} is not all that was recorded", result.out)));
     }
-    printed
+    Ok(())
 }

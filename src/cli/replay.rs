@@ -5,11 +5,11 @@ use std::sync::atomic::AtomicBool;
 
 use serde::Serialize;
 
-use super::drive::{self, Drive, log_options, metadata, watched};
+use super::drive::{self, Drive, log_options, watched};
 use super::{Ending, ReplayArgs, folder, import, print, print_json};
 use crate::agent::{self, RunOptions};
+use crate::log::RunLog;
 use crate::log::run::{Nowhere, Repeating};
-use crate::log::{Folder, RunLog};
 use crate::replay::{Recording, ShownDifference, show};
 use crate::report::{Numbered, Origin};
 use crate::scenario::Scenario;
@@ -17,29 +17,18 @@ use crate::source::Recorded;
 use crate::world::World;
 
 /// Feed a run's recorded frames to the actors again: to learn from them with other settings, or to verify the recording.
-pub fn replay(args: &ReplayArgs, stop: &AtomicBool) -> Ending {
+pub fn replay(args: &ReplayArgs, stop: &AtomicBool) -> Result<(), Ending> {
     if let Some(file) = &args.scenario {
         return import::import(args, file, stop);
     }
-    let recording = match Recording::open(&args.run) {
-        Ok(recording) => recording,
-        Err(error) => return Ending::failed(error),
-    };
-    let scenario = match recording.scenario(&changes(&args.set)) {
-        Ok(scenario) => scenario,
-        Err(error) => return Ending::Usage(error.to_string()),
-    };
+    let recording = Recording::open(&args.run)?;
+    let scenario = recording.scenario(&changes(&args.set)).map_err(Ending::usage)?;
     for damage in &recording.damage {
         eprintln!("warning: {damage}");
     }
-    if let Err(text) = same_vision(&recording, &scenario) {
-        return Ending::Usage(text);
-    }
+    same_vision(&recording, &scenario).map_err(Ending::Usage)?;
     let scenario = Arc::new(scenario);
-    let world = match World::new(&scenario) {
-        Ok(world) => Arc::new(world),
-        Err(error) => return Ending::failed(error),
-    };
+    let world = Arc::new(World::new(&scenario)?);
     if args.verify {
         verify(args, &recording, scenario, world, stop)
     } else {
@@ -74,37 +63,22 @@ fn again(
     scenario: Arc<Scenario>,
     world: Arc<World>,
     stop: &AtomicBool,
-) -> Ending {
-    let run = match folder::create(args.out.as_deref(), &scenario) {
-        Ok(run) => run,
-        Err(ending) => return ending,
-    };
+) -> Result<(), Ending> {
+    let run = folder::create(args.out.as_deref(), &scenario)?;
     let result = (|| {
-        drive::write(&run, "scenario.toml", scenario.text.as_bytes())?;
         let origin = Origin { part: 0, replay_of: Some(args.run.display().to_string()), elsewhere: args.no_evaluate };
-        let (options, rotation) = log_options(&scenario);
-        let log = RunLog::create(Folder::new(&run), &options, rotation, &metadata(&scenario, &origin));
+        let log = drive::begin(&run, &scenario, &origin)?;
         let mut source = Recorded::new(scenario.clone(), recording.records());
         let unchanged = args.set.is_empty();
         let drive = Drive {
-            scenario: &scenario,
-            world: &world,
-            run: &run,
-            stop,
-            quiet: args.quiet,
             recording: unchanged.then_some(&recording.events),
             most_actions: Some(recording.events.decisions()),
-            likely_actions: None,
             evaluate: !args.no_evaluate,
             report: !args.no_report,
             origin,
-            keep: false,
-            sampler: None,
-            server: None,
-            state: None,
-            curve: Vec::new(),
+            ..Drive::new(&scenario, &world, &run, stop, args.quiet)
         };
-        let report = drive.go(&mut source, log.map_err(|error| error.to_string())?)?;
+        let report = drive.go(&mut source, log)?;
         if source.damaged() > 0 {
             eprintln!("warning: {} frames or records of the recording could not be used", source.damaged());
         }
@@ -134,21 +108,18 @@ fn verify(
     scenario: Arc<Scenario>,
     world: Arc<World>,
     stop: &AtomicBool,
-) -> Ending {
+) -> Result<(), Ending> {
     if !args.set.is_empty() {
-        return Ending::Usage("--verify repeats a run as it was: --set cannot be given with it".into());
+        return Err(Ending::Usage("--verify repeats a run as it was: --set cannot be given with it".into()));
     }
     if recording.first_frame > 0 {
-        return Ending::Failed(format!(
+        return Err(Ending::Failed(format!(
             "{} begins with frame {}: earlier files were deleted (log.budget_mb), so it cannot be repeated from its start",
             args.run.display(),
             recording.first_frame
-        ));
+        )));
     }
-    match compared(args, recording, &scenario, world, stop) {
-        Err(reason) => Ending::Failed(reason),
-        Ok(verified) => told(args, &verified),
-    }
+    told(args, &compared(args, recording, &scenario, world, stop)?)
 }
 
 fn compared(
@@ -157,9 +128,9 @@ fn compared(
     scenario: &Arc<Scenario>,
     world: Arc<World>,
     stop: &AtomicBool,
-) -> Result<Verified, String> {
+) -> Result<Verified, Ending> {
     let (options, rotation) = log_options(scenario);
-    let log = RunLog::create(Nowhere, &options, rotation, &recording.metadata).map_err(|error| error.to_string())?;
+    let log = RunLog::create(Nowhere, &options, rotation, &recording.metadata)?;
     let log = log.expecting(recording.expected(), Repeating::Write);
     let mut source = Recorded::new(scenario.clone(), recording.records());
     // A recording that was not closed may end in the middle of an action, or before a decision.
@@ -171,12 +142,10 @@ fn compared(
             ..RunOptions::new(stop, status)
         };
         agent::run(scenario, &world.plan, &mut source, log, options)
-    });
-    let outcome = outcome.map_err(|error| error.to_string())?;
+    })?;
     let expected = outcome.log.expected.unwrap_or_default();
     let beyond = if recording.closed { 0 } else { expected.beyond() };
-    let difference = expected.first_difference().map(|difference| show(recording, &difference)).transpose();
-    let first_difference = difference.map_err(|error| error.to_string())?;
+    let first_difference = expected.first_difference().map(|difference| show(recording, &difference)).transpose()?;
     Ok(Verified {
         equal: first_difference.is_none() && (!recording.closed || expected.beyond() == 0),
         recorded_messages: expected.recorded(),
@@ -188,7 +157,7 @@ fn compared(
     })
 }
 
-fn told(args: &ReplayArgs, verified: &Verified) -> Ending {
+fn told(args: &ReplayArgs, verified: &Verified) -> Result<(), Ending> {
     let text = match &verified.first_difference {
         _ if args.json => String::new(),
         Some(difference) => {
@@ -207,10 +176,7 @@ fn told(args: &ReplayArgs, verified: &Verified) -> Ending {
             )
         }
     };
-    let printed = if args.json { print_json(verified) } else { print(&text) };
+    if args.json { print_json(verified) } else { print(&text) }?;
     // Damage cost nothing where everything after it is repeated.
-    if printed != Ending::Done || verified.equal {
-        return printed;
-    }
-    Ending::Failed(format!("{} is not repeated bit for bit", args.run.display()))
+    if verified.equal { Ok(()) } else { Err(format!("{} is not repeated bit for bit", args.run.display()).into()) }
 }

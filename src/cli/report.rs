@@ -1,7 +1,7 @@
 //! `adagio report RUN`, and the report that a run leaves at its end.
 
 use std::fs::{self, OpenOptions};
-use std::io::{self, ErrorKind, Write};
+use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
@@ -131,11 +131,9 @@ struct Told {
 }
 
 /// Make a report of a run or log.
-pub fn report(args: &ReportArgs) -> Ending {
-    match made(args) {
-        Ok((made, gathered, out)) => told(args, made, &gathered, &out),
-        Err(ending) => ending,
-    }
+pub fn report(args: &ReportArgs) -> Result<(), Ending> {
+    let (made, gathered, out) = made(args)?;
+    told(args, made, &gathered, &out)
 }
 
 fn made(args: &ReportArgs) -> Result<(Made, Gathered, PathBuf), Ending> {
@@ -144,10 +142,7 @@ fn made(args: &ReportArgs) -> Result<(Made, Gathered, PathBuf), Ending> {
     let files = folder::logs(&args.run)?;
     let mut gathered = read(files.clone(), &steps).map_err(Ending::Failed)?;
     if gathered.topics.is_empty() && gathered.metadata.is_empty() {
-        let path = args.run.display();
-        return Err(Ending::Failed(format!(
-            "{path} holds no records: it is not an MCAP log, or was cut at its beginning"
-        )));
+        return Err(folder::no_records(&args.run));
     }
     let made = if gathered.is_own() {
         of_run(args, &files, &gathered, &steps)
@@ -156,7 +151,7 @@ fn made(args: &ReportArgs) -> Result<(Made, Gathered, PathBuf), Ending> {
     }?;
     let out = place(args)?;
     let put = |path: &Path, bytes: &[u8]| OpenOptions::new().write(true).create_new(true).open(path)?.write_all(bytes);
-    write(&made, &out, &put).map_err(Ending::failed)?;
+    write(&made, &out, &put)?;
     let seconds = begin.elapsed().as_secs_f64();
     steps.end(&format!("{REPORT_NAME} and {} drawings in {seconds:.1} s", made.figures.len()));
     Ok((made, gathered, out))
@@ -218,7 +213,7 @@ fn of_run(args: &ReportArgs, files: &[PathBuf], gathered: &Gathered, steps: &Ste
 /// The report of a log that another program wrote.
 fn of_other(args: &ReportArgs, files: Vec<PathBuf>, gathered: &mut Gathered, steps: &Steps) -> Result<Made, Ending> {
     steps.begin("report: another program's log: looking for camera and pose");
-    let found = foreign::look(files, gathered).map_err(Ending::failed)?;
+    let found = foreign::look(files, gathered)?;
     let Foreign { camera, pose, pictures, unreadable, reason } = found;
     let topic = |topic: Option<String>, without: &str| topic.unwrap_or_else(|| without.to_owned());
     let mut losses = vec![
@@ -264,59 +259,35 @@ impl Without<'_> {
             pictures: self.pictures,
             losses: self.losses,
         };
-        make(&format!("Adagio: {}", args.run.display()), &material).map_err(Ending::failed)
+        Ok(make(&format!("Adagio: {}", args.run.display()), &material)?)
     }
 }
 
 /// The folder of the report, with an empty folder for its drawings; nothing that exists is touched.
 fn place(args: &ReportArgs) -> Result<PathBuf, Ending> {
-    let failed = |path: &Path, cause: &io::Error| {
-        Ending::Failed(format!("cannot create the folder {}: {cause} (name another place with --out)", path.display()))
-    };
-    let create = |path: &Path| fs::create_dir(path).and_then(|()| fs::create_dir(path.join(PLOTS_NAME)));
+    let make = |path: &Path| fs::create_dir(path).and_then(|()| fs::create_dir(path.join(PLOTS_NAME)));
     if let Some(out) = &args.out {
-        if let Some(parent) = out.parent() {
-            fs::create_dir_all(parent).map_err(|cause| failed(out, &cause))?;
-        }
-        return match create(out) {
-            Ok(()) => Ok(out.clone()),
-            Err(cause) if cause.kind() == ErrorKind::AlreadyExists => Err(Ending::Usage(format!(
-                "{} exists already, and nothing is ever overwritten: name another folder with --out",
-                out.display()
-            ))),
-            Err(cause) => Err(failed(out, &cause)),
-        };
+        return folder::named(out, make);
     }
-    let base = if args.run.is_dir() {
+    if args.run.is_dir() {
         if !args.run.join(REPORT_NAME).exists() && fs::create_dir(args.run.join(PLOTS_NAME)).is_ok() {
             return Ok(args.run.clone());
         }
-        args.run.join("report")
-    } else {
-        let stem = args.run.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        let beside = args.run.with_file_name(format!("{stem}-report"));
-        match create(&beside) {
-            Ok(()) => return Ok(beside),
-            Err(cause) if cause.kind() == ErrorKind::AlreadyExists => beside,
-            Err(cause) => return Err(failed(&beside, &cause)),
-        }
-    };
-    for number in 2..10_000 {
-        let path = PathBuf::from(format!("{}-{number}", base.display()));
-        match create(&path) {
-            Ok(()) => return Ok(path),
-            Err(cause) if cause.kind() == ErrorKind::AlreadyExists => {}
-            Err(cause) => return Err(failed(&path, &cause)),
-        }
+        // The run's own is the first one.
+        let taken = |path: &Path| {
+            if path == args.run.join("report") { Err(ErrorKind::AlreadyExists.into()) } else { make(path) }
+        };
+        return folder::numbered(&args.run.join("report"), taken);
     }
-    Err(Ending::Failed(format!("{} has too many reports: name a folder with --out", args.run.display())))
+    let stem = args.run.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    folder::numbered(&args.run.with_file_name(format!("{stem}-report")), make)
 }
 
-fn told(args: &ReportArgs, made: Made, gathered: &Gathered, out: &Path) -> Ending {
+fn told(args: &ReportArgs, made: Made, gathered: &Gathered, out: &Path) -> Result<(), Ending> {
     let page = out.join(REPORT_NAME).display().to_string();
     let plot = |name: &str| out.join(PLOTS_NAME).join(format!("{name}.svg")).display().to_string();
     let Made { verdict, figures, missing, .. } = made;
-    let printed = if args.json {
+    if args.json {
         print_json(&Told {
             report: page,
             plots: figures.iter().map(|figure| plot(&figure.name)).collect(),
@@ -326,16 +297,16 @@ fn told(args: &ReportArgs, made: Made, gathered: &Gathered, out: &Path) -> Endin
             missing,
             damaged: gathered.damaged,
             closed: gathered.closed,
-        })
+        })?;
     } else {
         let missing: Vec<String> = missing.iter().map(|missing| format!("missing: {missing}\n")).collect();
         let drawings = out.join(PLOTS_NAME);
         let kept = format!("kept in {page}, its {} drawings in {}\n", figures.len(), drawings.display());
-        print(&format!("{}\n{}\n{}{kept}", verdict.headline, verdict.sentences.join("\n"), missing.concat()))
-    };
+        print(&format!("{}\n{}\n{}{kept}", verdict.headline, verdict.sentences.join("\n"), missing.concat()))?;
+    }
     let complete = gathered.damaged == 0 && gathered.missing() == 0 && (gathered.closed || !gathered.is_own());
-    if printed != Ending::Done || complete {
-        return printed;
+    if complete {
+        return Ok(());
     }
     let mut lost = Vec::new();
     if gathered.damaged > 0 {
@@ -347,5 +318,5 @@ fn told(args: &ReportArgs, made: Made, gathered: &Gathered, out: &Path) -> Endin
     if !gathered.closed {
         lost.push("the log was not closed".to_owned());
     }
-    Ending::DataLoss(format!("{}: {}; the report shows what there is", args.run.display(), lost.join(", ")))
+    Err(Ending::DataLoss(format!("{}: {}; the report shows what there is", args.run.display(), lost.join(", "))))
 }

@@ -17,26 +17,18 @@ use crate::world::Simulated;
 use crate::world::World;
 
 /// Go on with a run that was ended before its last action: by Ctrl-C, by a kill, by a power loss.
-pub fn resume(args: &ResumeArgs, stop: &AtomicBool) -> Ending {
+pub fn resume(args: &ResumeArgs, stop: &AtomicBool) -> Result<(), Ending> {
     if !args.run.is_dir() {
-        return Ending::Usage(format!("{} is no run folder: a run goes on in its folder", args.run.display()));
+        return Err(Ending::Usage(format!("{} is no run folder: a run goes on in its folder", args.run.display())));
     }
-    let recording = match Recording::open(&args.run) {
-        Ok(recording) => recording,
-        Err(error) => return Ending::failed(error),
-    };
-    if let Err(reason) = can_go_on(&args.run, &recording) {
-        return Ending::Failed(reason);
-    }
-    let scenario = match recording.scenario(&[]) {
-        Ok(scenario) => Arc::new(scenario),
-        Err(error) => return Ending::Usage(error.to_string()),
-    };
+    let recording = Recording::open(&args.run)?;
+    can_go_on(&args.run, &recording)?;
+    let scenario = Arc::new(recording.scenario(&[]).map_err(Ending::usage)?);
     let done = recording.closed && recording.events.decisions() >= scenario.actions as u64;
     if done && args.run.join("report.json").is_file() {
         let actions = Numbered(scenario.actions as u64);
         eprintln!("{} has done all of its {actions} actions: there is nothing to go on with", args.run.display());
-        return Ending::Done;
+        return Ok(());
     }
     drive::ending(go_on(args, &recording, scenario, stop), &args.run, args.json)
 }
@@ -102,22 +94,13 @@ fn go_on(
     let log = log.expecting(expected, Repeating::Skip);
     let mut source = Resumed::new(recorded, Simulated::new(scenario.clone(), world.clone()));
     let drive = Drive {
-        scenario: &scenario,
-        world: &world,
-        run: &args.run,
-        stop,
-        quiet: args.quiet,
         recording: Some(&course),
-        most_actions: None,
-        likely_actions: None,
-        evaluate: true,
         report: !args.no_report,
         origin,
         keep: true,
-        sampler: None,
-        server: None,
         state: kept.map(|kept| kept.snapshot),
         curve,
+        ..Drive::new(&scenario, &world, &args.run, stop, args.quiet)
     };
     drive.go(&mut source, log)
 }

@@ -4,11 +4,10 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use super::drive::{self, Drive, log_options, metadata};
+use super::drive::{self, Drive};
 use super::{Ending, RunArgs, folder};
 use crate::agent::{self, Memory};
 use crate::live::serve::{ServeError, Server};
-use crate::log::{Folder, RunLog};
 use crate::report::{Origin, Report};
 use crate::scenario::{OverMemory, Scenario, ScenarioError};
 use crate::soak::Sampler;
@@ -16,23 +15,14 @@ use crate::world::Simulated;
 use crate::world::World;
 
 /// Run a scenario in a new folder, evaluate what was learned, and write the report.
-pub fn run(args: &RunArgs, stop: &AtomicBool) -> Ending {
+pub fn run(args: &RunArgs, stop: &AtomicBool) -> Result<(), Ending> {
     let mut sets = args.set.clone();
     sets.extend(args.seed.map(|seed| format!("seed={seed}")));
     sets.extend(args.actions.map(|actions| format!("actions={actions}")));
-    let scenario = match load(&args.scenario, &sets) {
-        Ok(scenario) => Arc::new(scenario),
-        Err(ending) => return ending,
-    };
+    let scenario = Arc::new(load(&args.scenario, &sets)?);
     // Before there is a folder: an address that is taken leaves nothing behind.
-    let server = match server(args) {
-        Ok(server) => server,
-        Err(ending) => return ending,
-    };
-    let run = match folder::create(args.out.as_deref(), &scenario) {
-        Ok(run) => run,
-        Err(ending) => return ending,
-    };
+    let server = server(args)?;
+    let run = folder::create(args.out.as_deref(), &scenario)?;
     if let Some(server) = &server {
         eprintln!("the run can be watched at {}", server.url());
         server.warning().into_iter().for_each(|warning| eprintln!("warning: {warning}"));
@@ -46,7 +36,7 @@ fn server(args: &RunArgs) -> Result<Option<Server>, Ending> {
     let Some(address) = args.serve else { return Ok(None) };
     Server::new(address, args.token.clone()).map(Some).map_err(|error| match error {
         ServeError::Token(_) => Ending::Usage(error.to_string()),
-        ServeError::Bind { .. } => Ending::failed(error),
+        ServeError::Bind { .. } => error.into(),
     })
 }
 
@@ -118,29 +108,15 @@ pub fn in_folder(
     extras: &Extras<'_>,
     stop: &AtomicBool,
 ) -> Result<Report, String> {
-    drive::write(run, "scenario.toml", scenario.text.as_bytes())?;
-    let (origin, (options, rotation)) = (Origin::default(), log_options(scenario));
-    let log = RunLog::create(Folder::new(run), &options, rotation, &metadata(scenario, &origin));
-    let log = log.map_err(|error| error.to_string())?;
+    let log = drive::begin(run, scenario, &Origin::default())?;
     let world = Arc::new(World::new(scenario).map_err(|error| error.to_string())?);
     let mut source = Simulated::new(scenario.clone(), world.clone());
     let drive = Drive {
-        scenario,
-        world: &world,
-        run,
-        stop,
-        quiet: extras.quiet,
-        recording: None,
-        most_actions: None,
-        likely_actions: None,
-        evaluate: true,
         report: extras.report,
         sampler: extras.sampler,
         server: extras.server,
-        origin,
         keep: true,
-        state: None,
-        curve: Vec::new(),
+        ..Drive::new(scenario, &world, run, stop, extras.quiet)
     };
     drive.go(&mut source, log)
 }

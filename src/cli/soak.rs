@@ -15,44 +15,29 @@ use crate::soak::{Sampler, Soak, judge, page};
 const MOST_HOURS: f64 = 87_600.0;
 
 /// Run a scenario for so many hours of driving, watched, and judge the run.
-pub fn soak(args: &SoakArgs, stop: &AtomicBool) -> Ending {
+pub fn soak(args: &SoakArgs, stop: &AtomicBool) -> Result<(), Ending> {
     if !(args.hours > 0.0 && args.hours <= MOST_HOURS) {
-        return Ending::Usage(format!("--hours {} is not allowed: it must be in (0, {MOST_HOURS}]", args.hours));
+        return Err(Ending::Usage(format!("--hours {} is not allowed: it must be in (0, {MOST_HOURS}]", args.hours)));
     }
     let mut sets = args.set.clone();
     sets.extend(args.seed.map(|seed| format!("seed={seed}")));
     // Its length is not known yet, nor what memory it needs.
-    let first = match Scenario::load(&args.scenario, &sets) {
-        Ok(scenario) => scenario,
-        Err(error) => return Ending::Usage(error.to_string()),
-    };
+    let first = Scenario::load(&args.scenario, &sets).map_err(Ending::usage)?;
     sets.push(format!("actions={}", (args.hours * 3600.0 / first.robot.action_seconds).ceil()));
-    let scenario = match load(&args.scenario, &sets) {
-        Ok(scenario) => Arc::new(scenario),
-        Err(ending) => return ending,
-    };
-    let run = match folder::create(args.out.as_deref(), &scenario) {
-        Ok(run) => run,
-        Err(ending) => return ending,
-    };
+    let scenario = Arc::new(load(&args.scenario, &sets)?);
+    let run = folder::create(args.out.as_deref(), &scenario)?;
     let sampler = Sampler::new(&run, scenario.actions as u64, scenario.robot.action_seconds);
     let extras = Extras { quiet: args.quiet, report: true, sampler: Some(&sampler), server: None };
     let soak = in_folder(&scenario, &run, &extras, stop)
-        .and_then(|report| judged(&scenario, &run, &report, &sampler).map_err(|reason| reason.to_string()));
-    let soak = match soak {
-        Ok(soak) => soak,
-        Err(reason) => return Ending::Failed(format!("{reason}\nwhat was recorded is kept in {}", run.display())),
-    };
-    let printed = if args.json {
-        print_json(&soak)
+        .and_then(|report| judged(&scenario, &run, &report, &sampler))
+        .map_err(|reason| drive::kept(&reason, &run))?;
+    if args.json {
+        print_json(&soak)?;
     } else {
-        print(&format!("{}kept in {}\n", soak.text(), run.join("soak.html").display()))
-    };
-    let failing: Vec<&str> = soak.rules.iter().filter(|rule| !rule.holds).map(|rule| rule.rule.as_str()).collect();
-    match printed {
-        Ending::Done if !failing.is_empty() => Ending::Failed(format!("it should be that {}", failing.join("; that "))),
-        printed => printed,
+        print(&format!("{}kept in {}\n", soak.text(), run.join("soak.html").display()))?;
     }
+    let failing: Vec<&str> = soak.rules.iter().filter(|rule| !rule.holds).map(|rule| rule.rule.as_str()).collect();
+    if failing.is_empty() { Ok(()) } else { Err(format!("it should be that {}", failing.join("; that ")).into()) }
 }
 
 fn judged(scenario: &Scenario, run: &Path, report: &Report, sampler: &Sampler) -> Result<Soak, String> {

@@ -9,25 +9,16 @@ use crate::live::terminal;
 use crate::log::log_files;
 
 /// Show a run while it goes on, or one that is over.
-pub fn watch(args: &WatchArgs, stop: &AtomicBool) -> Ending {
-    let place = match place(args) {
-        Ok(place) => place,
-        Err(ending) => return ending,
-    };
+pub fn watch(args: &WatchArgs, stop: &AtomicBool) -> Result<(), Ending> {
+    let place = place(args)?;
     if args.once {
-        return match terminal::once(&place) {
-            Ok(text) => print(&text),
-            Err(error) => Ending::failed(error),
-        };
+        return print(&terminal::once(&place)?);
     }
     if !(std::io::stdout().is_terminal() && std::io::stdin().is_terminal()) {
         let text = "stdin or stdout is no terminal: adagio watch --once prints one picture as plain text";
-        return Ending::Usage(text.to_owned());
+        return Err(Ending::Usage(text.to_owned()));
     }
-    match terminal::watch(&place, stop) {
-        Ok(()) => Ending::Done,
-        Err(error) => Ending::failed(error),
-    }
+    Ok(terminal::watch(&place, stop)?)
 }
 
 /// What is followed: a run folder, or a single log file.

@@ -1,5 +1,7 @@
 //! Means over seeds, with the range in which most of them are.
 
+use std::borrow::Borrow;
+
 use serde::{Deserialize, Serialize};
 
 /// What bands are, in words for tables and plots.
@@ -22,7 +24,8 @@ pub struct Band {
 
 impl Band {
     /// Of some numbers; `None` if there are none.
-    pub fn of(values: &[f64]) -> Option<Self> {
+    pub fn of<V: Borrow<f64>>(values: impl IntoIterator<Item = V>) -> Option<Self> {
+        let values: Vec<f64> = values.into_iter().map(|value| *value.borrow()).collect();
         let count = values.len();
         if count == 0 {
             return None;
@@ -30,7 +33,7 @@ impl Band {
         let mean = values.iter().sum::<f64>() / count as f64;
         let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
         let deviation = if count > 1 { (squares / (count - 1) as f64).sqrt() } else { 0.0 };
-        let mut sorted = values.to_vec();
+        let mut sorted = values;
         sorted.sort_by(f64::total_cmp);
         let at = |share: f64| {
             let place = share * (count - 1) as f64;
@@ -53,6 +56,6 @@ mod tests {
         assert!((band.low - 0.4).abs() < 1e-12 && (band.high - 3.6).abs() < 1e-12);
         assert!((band.deviation - 2.5f64.sqrt()).abs() < 1e-12);
         assert_eq!(Band::of(&[7.0]).unwrap(), Band { mean: 7.0, deviation: 0.0, low: 7.0, high: 7.0, count: 1 });
-        assert_eq!(Band::of(&[]), None);
+        assert_eq!(Band::of([0.0; 0]), None);
     }
 }

@@ -7,18 +7,17 @@ use serde::{Deserialize, Serialize};
 
 use super::lab::{Lab, Walked, points};
 use super::local;
-use super::quality::{Quality, reference_trips};
-use super::trained::{Iteration, Sampled, Training, train, trips};
+use super::quality::{Quality, Trials};
+use super::trained::{Iteration, Sampled, Training, train, trips, with_one};
 use super::{Bench, ExperimentError};
-use crate::evaluate::{Evaluator, Situation, Trip, draw_pose};
+use crate::evaluate::{Situation, Trip, draw_pose};
 use crate::policy::Reflexes;
 use crate::random::stream;
 use crate::robot::{Action, Pose};
 use crate::scenario::in_goal;
 use crate::slow::coherence::incremental::{IncrementalSlow, Options as IncrementalOptions};
 use crate::value::{Fit, StreamQ, StreamQOptions};
-use crate::vision::Image;
-use crate::vision::{Observation, Observer};
+use crate::vision::{Image, Observation, Observer};
 use crate::world::{Robot, Sensor};
 
 /// Stream-Q(λ): probability of a random action, at first and from the middle of the run on.
@@ -62,9 +61,8 @@ pub struct Field<'a> {
     walked: Walked,
     /// What its camera sees.
     pub video: Mat<f32>,
-    evaluator: Evaluator,
-    /// Trips of the reference policy, for each task.
-    pub reference: Vec<Vec<Trip>>,
+    /// The starts for each task.
+    pub trials: Trials<'a>,
     bench: &'a Bench<'a>,
 }
 
@@ -76,9 +74,7 @@ impl<'a> Field<'a> {
     pub fn new(lab: &'a Lab, actions: usize, starts: usize, bench: &'a Bench<'a>) -> Result<Self, ExperimentError> {
         let walked = lab.walk(actions);
         let video = lab.video(&walked.poses, bench)?;
-        let evaluator = Evaluator::new(lab.scenario.clone(), lab.world.clone(), starts, lab.scenario.seed);
-        let reference = (0..lab.scenario.tasks.len()).map(|task| reference_trips(lab, &evaluator, task)).collect();
-        Ok(Field { lab, walked, video, evaluator, reference, bench })
+        Ok(Field { lab, walked, video, trials: Trials::new(lab, starts), bench })
     }
 }
 
@@ -93,7 +89,7 @@ impl Field<'_> {
     ) -> Result<Vec<Quality>, ExperimentError> {
         let of_task = |task: usize| {
             self.bench.go_on()?;
-            Ok(Quality::of(&trips_of(task)?, &self.reference[task], self.lab.scenario.value.gamma))
+            Ok(self.trials.quality(task, &trips_of(task)?))
         };
         (0..self.lab.scenario.tasks.len()).map(of_task).collect()
     }
@@ -109,7 +105,7 @@ impl Field<'_> {
                 arrived: trip.optimal.is_some(),
                 optimal: trip.optimal,
             };
-            Ok(self.reference[task].iter().map(best).collect())
+            Ok(self.trials.reference[task].iter().map(best).collect())
         })
     }
 
@@ -122,7 +118,7 @@ impl Field<'_> {
         features: impl Fn(&Situation<'_>) -> Mat<f64> + Sync,
     ) -> Vec<Trip> {
         let reflexes = Reflexes::new(&self.lab.scenario);
-        self.evaluator.trips(task, camera, &|situation| {
+        self.trials.evaluator.trips(task, camera, &|situation| {
             let q = weights.transpose() * features(situation);
             reflexes.best(&[q[(0, 0)], q[(1, 0)], q[(2, 0)]], situation.recent).0
         })
@@ -152,7 +148,7 @@ impl Field<'_> {
         let sampled = Sampled::new(&trained, actions, Iteration::Thesis, self.bench)?;
         let qualities = self.qualities(|task| {
             let fit = sampled.fit(features, task, Iteration::Thesis)?;
-            trips(&trained.model, &fit, (&self.evaluator, task), Iteration::Thesis.reflexes(self.lab))
+            trips(&trained.model, &fit, (&self.trials.evaluator, task), Iteration::Thesis.reflexes(self.lab))
         })?;
         Ok((qualities, trained.model.members.ncols()))
     }
@@ -164,10 +160,8 @@ impl Field<'_> {
     pub fn true_pose(&self, actions: usize, f: usize) -> Result<Vec<Quality>, ExperimentError> {
         let part = self.part(actions);
         let theory = self.lab.optimal_responses(&part, self.lab.thesis_weight(&part), f - 1)?;
-        let features = |poses: &[Pose]| {
-            let waves = theory.evaluate(points(poses).as_ref()).expect("the robot is near the room");
-            Mat::from_fn(f, poses.len(), |i, j| if i == 0 { 1.0 } else { waves[(i - 1, j)] })
-        };
+        let features =
+            |poses: &[Pose]| with_one(&theory.evaluate(points(poses).as_ref()).expect("the robot is near the room"));
         let phi = features(&part.poses);
         let sampled = Sampled::whole(self.lab, &part, &phi);
         self.qualities(|task| {
@@ -183,7 +177,7 @@ impl Field<'_> {
     pub fn true_pose_locally(&self) -> Result<Vec<Quality>, ExperimentError> {
         let transitions = self.walked.spread(self.walked.actions.len());
         let policies = local::of_pose(self.lab, &self.walked, transitions)?;
-        self.qualities(|task| Ok(policies.trips(&self.evaluator, task)))
+        self.qualities(|task| Ok(policies.trips(&self.trials.evaluator, task)))
     }
 
     /// IncSFA sees the walk once; policies are made on its features of each of these moments.
@@ -207,8 +201,7 @@ impl Field<'_> {
             }
             let map = learner.map();
             let of = |x: Mat<f64>| {
-                let phi = map.apply(x.as_ref()).expect("frames are as long as those that were learned from");
-                Mat::from_fn(k + 1, phi.ncols(), |i, j| if i == 0 { 1.0 } else { phi[(i - 1, j)] })
+                with_one(&map.apply(x.as_ref()).expect("frames are as long as those that were learned from"))
             };
             let part = self.part(count);
             let phi = of(Mat::from_fn(self.video.nrows(), count + 1, |i, j| scaled(self.video[(i, j)])));
@@ -304,18 +297,13 @@ impl Field<'_> {
     pub fn random(&self) -> Result<Vec<Quality>, ExperimentError> {
         let seed = self.lab.scenario.seed;
         self.qualities(|task| {
-            Ok(self.evaluator.trips(task, false, &|Situation { pose, .. }| {
+            Ok(self.trials.evaluator.trips(task, false, &|Situation { pose, .. }| {
                 // A choice of its own for each pose: no pose comes twice.
                 let name = format!("random action at {:?}", (pose.position.x.to_bits(), pose.heading.to_bits()));
                 Action::DRIVE[stream(seed, &name).random_range(0..3)]
             }))
         })
     }
-}
-
-/// One scaled observation with the constant before it.
-pub fn with_one(x: Mat<f64>) -> Mat<f64> {
-    Mat::from_fn(x.nrows() + 1, 1, |i, _| if i == 0 { 1.0 } else { x[(i - 1, 0)] })
 }
 
 /// Grey levels as numbers of about 1.

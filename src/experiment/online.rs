@@ -11,11 +11,11 @@ use faer::{Mat, Par};
 use serde::Serialize;
 
 use super::driven::{SMALL, curve, drive};
-use super::field::{Field, Point, StreamQRun, with_one};
+use super::field::{Field, Point, StreamQRun};
 use super::lab::{Data, Lab};
 use super::plot::{Line, chart};
 use super::quality::Quality;
-use super::trained::{Training, train};
+use super::trained::{Training, train, with_one};
 use super::{Band, Bench, Cell, Experiment, ExperimentError, Once, Results, Sizes, Table};
 use crate::evaluate::Evaluator;
 use crate::report::draw::Axis;
@@ -163,7 +163,7 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
                     Method::Incremental => field.incremental(actions, scope.pick(INCREMENTAL)),
                     Method::QOnPixels => {
                         let run = StreamQRun { actions, episode: EPISODE, features: field.video.nrows() + 1 };
-                        Ok(points(actions, &field.stream_q(&run, with_one)?))
+                        Ok(points(actions, &field.stream_q(&run, |x| with_one(&x))?))
                     }
                     Method::QOnSlowFeatures => {
                         let training = Training::new(&lab, most, most_vectors(most), features - 1);
@@ -173,7 +173,7 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
                     }
                     Method::Random => Ok(points(&[0], &[field.random()?])),
                     Method::Reference => {
-                        let reference = field.qualities(|task| Ok(field.reference[task].clone()))?;
+                        let reference = field.qualities(|task| Ok(field.trials.reference[task].clone()))?;
                         Ok(points(&[0], &[reference]))
                     }
                     Method::Optimal => Ok(vec![Point { actions: 0, frames: 0, success: 1.0, quality: 1.0 }]),

@@ -294,12 +294,9 @@ fn table(found: &[Vec<Outcome>; 2]) -> Table {
             ("slow features", (|outcome| &outcome.features) as fn(&Outcome) -> &Cells),
             ("components", |outcome| &outcome.cells),
         ] {
-            let band = |value: fn(&Cells) -> f64| {
-                Band::of(&outcomes.iter().map(|outcome| value(of(outcome))).collect::<Vec<_>>())
-            };
+            let band = |value: fn(&Cells) -> f64| Band::of(outcomes.iter().map(|outcome| value(of(outcome))));
             let (place, heading) = (band(|cells| cells.by_place), band(|cells| cells.by_heading));
-            let (field, before) =
-                (band(|cells| cells.field), Band::of(&outcomes.iter().map(|o| o.features.field).collect::<Vec<_>>()));
+            let (field, before) = (band(|cells| cells.field), Band::of(outcomes.iter().map(|o| o.features.field)));
             let is = |band: Option<Band>, other: Option<Band>| band.map(|band| band.mean) > other.map(|band| band.mean);
             let says = match (number, what) {
                 (0, "slow features") if is(place, heading) => "agrees: they know the place",
@@ -331,7 +328,7 @@ fn slowness(found: &[Vec<Outcome>; 2]) -> Table {
     for (outcomes, (name, _)) in found.iter().zip(MOTIONS) {
         for i in 0..6 {
             let of = |list: fn(&Outcome) -> &Vec<f64>| {
-                Band::of(&outcomes.iter().filter_map(|outcome| list(outcome).get(i).copied()).collect::<Vec<_>>())
+                Band::of(outcomes.iter().filter_map(|outcome| list(outcome).get(i).copied()))
             };
             let cells = vec![
                 Cell::text(name),

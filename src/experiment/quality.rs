@@ -4,8 +4,9 @@ use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 
 use super::lab::Lab;
-use crate::evaluate::reference_action;
-use crate::evaluate::{Evaluator, Trip};
+use crate::evaluate::{Evaluator, Trip, reference_action};
+use crate::policy::{Learned, Reflexes};
+use crate::robot::{Action, ActionValues, Pose};
 
 /// What the trips of a policy came to.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -25,10 +26,46 @@ pub struct Quality {
     pub more_than_reference: Option<f64>,
 }
 
-/// Trips of the reference policy from an evaluator's starts.
-pub fn reference_trips(lab: &Lab, evaluator: &Evaluator, task: usize) -> Vec<Trip> {
-    let goal = Point2::from(lab.task(task).goal);
-    evaluator.trips(task, false, &|situation| reference_action(situation.pose, goal))
+/// Random starts in a lab, for each of its tasks, and how far the reference policy gets from them.
+pub struct Trials<'a> {
+    lab: &'a Lab,
+    /// What drives from the starts.
+    pub evaluator: Evaluator,
+    /// Trips of the reference policy, by task.
+    pub reference: Vec<Vec<Trip>>,
+}
+
+impl<'a> Trials<'a> {
+    /// Some starts for each task.
+    pub fn new(lab: &'a Lab, starts: usize) -> Self {
+        Trials::against(lab, starts, |pose, goal| reference_action(pose, goal))
+    }
+
+    /// The same with another reference policy: what it does at a pose for a goal.
+    pub fn against(lab: &'a Lab, starts: usize, policy: impl Fn(&Pose, Point2<f64>) -> Action + Sync) -> Self {
+        let evaluator = Evaluator::new(lab.scenario.clone(), lab.world.clone(), starts, lab.scenario.seed);
+        let of_task = |task: usize| {
+            let goal = Point2::from(lab.task(task).goal);
+            evaluator.trips(task, false, &|situation| policy(situation.pose, goal))
+        };
+        let reference = (0..lab.scenario.tasks.len()).map(of_task).collect();
+        Trials { lab, evaluator, reference }
+    }
+
+    /// What the trips of a task come to.
+    pub fn quality(&self, task: usize, trips: &[Trip]) -> Quality {
+        Quality::of(trips, &self.reference[task], self.lab.scenario.value.gamma)
+    }
+}
+
+/// Ways of a learned policy that sees the camera's images, from an evaluator's starts for a task, by one of its policies.
+pub fn driven(evaluator: &Evaluator, task: usize, learned: &Learned, policy: usize, reflexes: Reflexes) -> Vec<Trip> {
+    evaluator.trips(task, true, &|situation| {
+        // These trips have a camera.
+        let none = ActionValues::new([]);
+        let values = situation.seen.map_or(none, |seen| learned.q_values(seen, policy));
+        reflexes.best(&values, situation.recent).0
+    })
 }
 
 impl Quality {

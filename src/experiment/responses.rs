@@ -266,7 +266,7 @@ fn subspaces(outcomes: &[Outcome]) -> Table {
     for size in SETS {
         let of: Vec<&Subspaces> =
             outcomes.iter().flat_map(|outcome| &outcome.sets).filter(|set| set.size == size).collect();
-        let band = |value: fn(&Subspaces) -> f64| Band::of(&of.iter().map(|set| value(set)).collect::<Vec<_>>());
+        let band = |value: fn(&Subspaces) -> f64| Band::of(of.iter().map(|set| value(set)));
         if !of.is_empty() {
             let cells = vec![
                 Cell::count(size),
@@ -342,7 +342,7 @@ fn plots(outcome: &Outcome, lab: &Lab, outcomes: &[Outcome]) -> Result<Vec<(Stri
         0,
         SETS.map(|size| {
             let of = outcomes.iter().flat_map(|outcome| &outcome.sets).filter(|set| set.size == size);
-            (size as f64, Band::of(&of.map(|set| set.overlap).collect::<Vec<_>>()))
+            (size as f64, Band::of(of.map(|set| set.overlap)))
         }),
     );
     let overlap = chart(

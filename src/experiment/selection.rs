@@ -13,13 +13,13 @@ use serde::{Deserialize, Serialize};
 use super::lab::{FRAMES, Lab, TRANSITIONS, Walked};
 use super::pipeline::{NU, Widths, slow_features};
 use super::plot::{Line, chart};
-use super::quality::{Quality, reference_trips};
+use super::quality::{Quality, Trials};
 use super::trained::{Iteration, Sampled, Trained, Training, trips};
 use super::{Band, Bench, Cell, Experiment, ExperimentError, Once, Results, Sizes, Table};
 use crate::dictionary::{
     Dictionary, FeatureAld, FeatureParameters, GreedyResidual, Parameters, Reservoir, Selection, WhenFull,
 };
-use crate::evaluate::{Evaluator, Trip, decode_pose};
+use crate::evaluate::decode_pose;
 use crate::kernel::Kernel;
 use crate::policy::Learned;
 use crate::report::draw::Axis;
@@ -104,8 +104,7 @@ struct Prepared<'a> {
     frames: Arc<Mat<f32>>,
     /// By number of support vectors: ALD's choice, and its features.
     ald: BTreeMap<usize, (Dictionary<f32>, SlowModel<f32>)>,
-    evaluator: Evaluator,
-    reference: Vec<Vec<Trip>>,
+    trials: Trials<'a>,
 }
 
 fn prepare<'a>(
@@ -125,9 +124,7 @@ fn prepare<'a>(
         let (_, model) = slow_features(&dictionary, frames.as_ref(), &links, training.features, bench)?;
         ald.insert(number, (dictionary, model));
     }
-    let evaluator = Evaluator::new(lab.scenario.clone(), lab.world.clone(), starts, lab.scenario.seed);
-    let reference = (0..lab.scenario.tasks.len()).map(|task| reference_trips(lab, &evaluator, task)).collect();
-    Ok(Prepared { lab, walked: Arc::new(walked), frames: Arc::new(frames), ald, evaluator, reference })
+    Ok(Prepared { lab, walked: Arc::new(walked), frames: Arc::new(frames), ald, trials: Trials::new(lab, starts) })
 }
 
 /// Let a rule choose as many frames as ALD did.
@@ -203,8 +200,8 @@ fn compute(prepared: &Prepared<'_>, settings: &Settings, bench: &Bench<'_>) -> R
         bench.go_on()?;
         let fit = sampled.fit(settings.training.features + 1, task, Iteration::Ours)?;
         let reflexes = Iteration::Ours.reflexes(lab);
-        let trips = trips(&trained.model, &fit, (&prepared.evaluator, task), reflexes)?;
-        policies.push(Quality::of(&trips, &prepared.reference[task], lab.scenario.value.gamma));
+        let trips = trips(&trained.model, &fit, (&prepared.trials.evaluator, task), reflexes)?;
+        policies.push(prepared.trials.quality(task, &trips));
     }
     let weights = vec![Mat::zeros(trained.model.features(), 3)];
     let learned = Learned::new(1, 0, 0, trained.model.clone(), weights)?;
@@ -269,7 +266,7 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
 }
 
 fn band(outcomes: &[Outcome], of: impl Fn(&Outcome) -> Option<f64>) -> Option<Band> {
-    Band::of(&outcomes.iter().filter_map(of).collect::<Vec<_>>())
+    Band::of(outcomes.iter().filter_map(of))
 }
 
 fn table(found: &Found, tasks: &[String]) -> Table {

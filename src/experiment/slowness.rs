@@ -184,7 +184,7 @@ struct Findings {
 impl Findings {
     fn band(&self, image: (usize, usize), method: Method, of: impl Fn(&Outcome) -> Option<f64>) -> Option<Band> {
         let outcomes = self.found.get(&(image, method))?;
-        Band::of(&outcomes.iter().filter_map(of).collect::<Vec<_>>())
+        Band::of(outcomes.iter().filter_map(of))
     }
 
     fn mean(&self, image: (usize, usize), method: Method, of: usize) -> Option<f64> {
@@ -345,9 +345,8 @@ impl Findings {
             self.found.iter().filter(|((image, _), _)| *image == IMAGES[0]).enumerate()
         {
             let most = outcomes.iter().map(|outcome| outcome.slowness.len()).min().unwrap_or(0);
-            let points = (0..most).map(|i| {
-                (i as f64 + 1.0, Band::of(&outcomes.iter().map(|outcome| outcome.slowness[i]).collect::<Vec<_>>()))
-            });
+            let points =
+                (0..most).map(|i| (i as f64 + 1.0, Band::of(outcomes.iter().map(|outcome| outcome.slowness[i]))));
             let vectors = self.band(image, method, |outcome| Some(outcome.support_vectors? as f64));
             let name = vectors.map_or(name(method), |vectors| format!("{:.0} vectors", vectors.mean));
             let line = Line::new(name, number, points);

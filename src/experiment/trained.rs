@@ -2,16 +2,17 @@
 
 use std::sync::Arc;
 
-use faer::{Mat, Par};
+use faer::{Mat, MatRef, Par};
 use serde::{Deserialize, Serialize};
 
 use super::lab::{Data, Lab, Transition, Walked};
 use super::pipeline::{LAMBDA, NU, Widths, slow_features};
-use super::quality::Quality;
+use super::quality::driven;
 use super::{Bench, ExperimentError};
 use crate::evaluate::{Evaluator, Trip};
 use crate::policy::{Learned, Reflexes};
-use crate::slow::SlowModel;
+use crate::robot::Pose;
+use crate::slow::{Link, SlowModel};
 use crate::value::{Fit, Lspi, LspiOptions, Outcomes, Samples};
 
 /// What slow features are made of.
@@ -61,16 +62,57 @@ pub struct Trained<'a> {
 /// No kernel width gives that many support vectors; [`ExperimentError::Stopped`].
 pub fn train<'a>(lab: &'a Lab, training: &Training, bench: &Bench<'_>) -> Result<Trained<'a>, ExperimentError> {
     let walked = lab.walk(training.data.actions);
-    let frames = lab.video(&walked.poses, bench)?;
-    bench.say(&format!("rendered {} frames", frames.ncols()));
-    let dictionary = Widths::default().select(frames.as_ref(), training.vectors, bench)?;
     let links = lab.links(&walked, lab.thesis_weight(&walked));
-    let (_, model) = slow_features(&dictionary, frames.as_ref(), &links, training.features, bench)?;
+    let (frames, model) = seen(lab, &walked.poses, &links, (training.vectors, training.features), bench)?;
     Ok(Trained { lab, walked: Arc::new(walked), frames: Arc::new(frames), model })
 }
 
-/// Observations that are projected in one product.
-const AT_ONCE: usize = 1024;
+/// What the camera sees at some poses, and slow features of it: about so many support vectors, so many features.
+///
+/// # Errors
+/// Those of [`train`].
+pub fn seen(
+    lab: &Lab,
+    poses: &[Pose],
+    links: &[Option<Link>],
+    (vectors, features): (usize, usize),
+    bench: &Bench<'_>,
+) -> Result<(Mat<f32>, SlowModel<f32>), ExperimentError> {
+    let frames = lab.video(poses, bench)?;
+    bench.say(&format!("rendered {} frames", frames.ncols()));
+    let dictionary = Widths::default().select(frames.as_ref(), vectors, bench)?;
+    let (_, model) = slow_features(&dictionary, frames.as_ref(), links, features, bench)?;
+    Ok((frames, model))
+}
+
+/// Features of many frames, `f × n`, the constant one first; a block at a time.
+///
+/// # Errors
+/// [`ExperimentError::Stopped`].
+pub fn apply(model: &SlowModel<f32>, x: MatRef<'_, f32>, bench: &Bench<'_>) -> Result<Mat<f64>, ExperimentError> {
+    const AT_ONCE: usize = 1024;
+    let mut phi = Mat::zeros(model.features(), x.ncols());
+    for start in (0..x.ncols()).step_by(AT_ONCE) {
+        bench.go_on()?;
+        let count = AT_ONCE.min(x.ncols() - start);
+        let found = model.apply(x.subcols(start, count), bench.scope.par)?;
+        phi.as_mut().subcols_mut(start, count).copy_from(&found);
+    }
+    Ok(phi)
+}
+
+/// Features with the constant one before them.
+pub fn with_one(features: &Mat<f64>) -> Mat<f64> {
+    Mat::from_fn(features.nrows() + 1, features.ncols(), |i, j| if i == 0 { 1.0 } else { features[(i - 1, j)] })
+}
+
+/// What each action is worth by features that lack the constant one.
+pub fn worths(weights: &Mat<f64>, features: &Mat<f64>) -> [f64; 3] {
+    [0, 1, 2].map(|a| {
+        let weights = weights.col(a);
+        weights[0] + (1..weights.nrows()).map(|i| weights[i] * features[(i - 1, 0)]).sum::<f64>()
+    })
+}
 
 impl Trained<'_> {
     /// Features at some frames: `f × n`, the constant one first.
@@ -78,14 +120,8 @@ impl Trained<'_> {
     /// # Errors
     /// [`ExperimentError::Stopped`].
     pub fn features_at(&self, frames: &[usize], bench: &Bench<'_>) -> Result<Mat<f64>, ExperimentError> {
-        let mut phi = Mat::zeros(self.model.features(), frames.len());
-        for (part, places) in frames.chunks(AT_ONCE).enumerate() {
-            bench.go_on()?;
-            let x = Mat::from_fn(self.frames.nrows(), places.len(), |i, j| self.frames[(i, places[j])]);
-            let found = self.model.apply(x.as_ref(), bench.scope.par)?;
-            phi.as_mut().subcols_mut(part * AT_ONCE, places.len()).copy_from(&found);
-        }
-        Ok(phi)
+        let x = Mat::from_fn(self.frames.nrows(), frames.len(), |i, j| self.frames[(i, frames[j])]);
+        apply(&self.model, x.as_ref(), bench)
     }
 }
 
@@ -95,39 +131,41 @@ impl Trained<'_> {
 pub enum Iteration {
     /// As in the thesis, from all actions alike: no ridge, no mixing, no reflexes, and transitions without blocked moves.
     Thesis,
+    /// As the next one, but without reflexes, in the iteration and while driving.
+    Alone,
     /// As the agent does it: ridge, mixing and reflexes of the scenario, and blocked moves among the transitions.
     Ours,
 }
 
 impl Iteration {
-    /// Both.
-    pub const ALL: [Iteration; 2] = [Iteration::Thesis, Iteration::Ours];
+    /// The thesis's and the agent's.
+    pub const BOTH: [Iteration; 2] = [Iteration::Thesis, Iteration::Ours];
+    /// All of them.
+    pub const ALL: [Iteration; 3] = [Iteration::Thesis, Iteration::Alone, Iteration::Ours];
 
     /// In words.
     pub fn name(self) -> &'static str {
         match self {
             Iteration::Thesis => "the thesis's LSPI",
+            Iteration::Alone => "ours without reflexes",
             Iteration::Ours => "ours: ridge, mixing, reflexes",
         }
     }
 
     /// Reflexes that go with it.
     pub fn reflexes(self, lab: &Lab) -> Reflexes {
-        match self {
-            Iteration::Thesis => Reflexes::new(&lab.scenario).off(),
-            Iteration::Ours => Reflexes::new(&lab.scenario),
-        }
+        let reflexes = Reflexes::new(&lab.scenario);
+        if self == Iteration::Ours { reflexes } else { reflexes.off() }
     }
 
-    fn options(self, lab: &Lab) -> LspiOptions {
+    /// Its options.
+    pub fn options(self, lab: &Lab) -> LspiOptions {
         let value = &lab.scenario.value;
         let plain = LspiOptions { gamma: value.gamma, max_iterations: value.max_iterations, ..LspiOptions::plain() };
-        match self {
-            Iteration::Thesis => plain,
-            Iteration::Ours => {
-                LspiOptions { ridge: value.ridge, mixing: value.mixing, tolerance: value.tolerance, ..plain }
-            }
+        if self == Iteration::Thesis {
+            return plain;
         }
+        LspiOptions { ridge: value.ridge, mixing: value.mixing, tolerance: value.tolerance, ..plain }
     }
 }
 
@@ -154,7 +192,7 @@ impl<'a> Sampled<'a> {
     ) -> Result<Self, ExperimentError> {
         let transitions = match iteration {
             Iteration::Thesis => trained.walked.as_in_the_thesis(count),
-            Iteration::Ours => trained.walked.spread(count),
+            _ => trained.walked.spread(count),
         };
         let at = |frame: fn(&Transition) -> usize| transitions.iter().map(frame).collect::<Vec<usize>>();
         let phi = trained.features_at(&at(|t| t.from), bench)?;
@@ -200,26 +238,5 @@ pub fn trips(
     // The features that were left out have no weight.
     let weights =
         Mat::from_fn(model.features(), 3, |i, a| if i < fit.weights.nrows() { fit.weights[(i, a)] } else { 0.0 });
-    let learned = Learned::new(1, 0, 0, model.clone(), vec![weights])?;
-    Ok(evaluator.trips(task, true, &|situation| {
-        // These trips have a camera.
-        let none = crate::robot::ActionValues::new([]);
-        let values = situation.seen.map_or(none, |seen| learned.q_values(seen, 0));
-        reflexes.best(&values, situation.recent).0
-    }))
-}
-
-/// What a policy over the first features of a model comes to.
-///
-/// # Errors
-/// Those of [`trips`].
-pub fn quality(
-    trained: &Trained<'_>,
-    fit: &Fit,
-    from: (&Evaluator, usize),
-    reflexes: Reflexes,
-    reference: &[Trip],
-) -> Result<Quality, ExperimentError> {
-    let trips = trips(&trained.model, fit, from, reflexes)?;
-    Ok(Quality::of(&trips, reference, trained.lab.scenario.value.gamma))
+    Ok(driven(evaluator, task, &Learned::new(1, 0, 0, model.clone(), vec![weights])?, 0, reflexes))
 }

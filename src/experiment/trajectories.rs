@@ -70,14 +70,14 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     let (vectors, starts) = (scope.vectors_or(vectors), scope.pick(STARTS));
     let mut driven = Vec::new();
     let first = Lab::new(*scope.seeds.start(), &[])?;
-    bench.plan(scope.seeds.clone().count() * first.scenario.tasks.len() * Iteration::ALL.len());
+    bench.plan(scope.seeds.clone().count() * first.scenario.tasks.len() * Iteration::BOTH.len());
     for seed in scope.seeds.clone() {
         let lab = Lab::new(seed, &[])?;
         let training = Training::new(&lab, actions, vectors, features - 1);
         let (trained, evaluator) = (Once::<Trained<'_>>::default(), Once::default());
-        let sampled: [Once<Sampled<'_>>; 2] = Default::default();
+        let sampled: [Once<Sampled<'_>>; 3] = Default::default();
         for (task, goal) in lab.scenario.tasks.iter().enumerate() {
-            for iteration in Iteration::ALL {
+            for iteration in Iteration::BOTH {
                 let settings =
                     Settings { training: training.clone(), transitions, starts, task: goal.name.clone(), iteration };
                 let label = format!("{}, {}, seed {seed}", goal.name, iteration.name());
@@ -126,7 +126,7 @@ fn summary(lab: &Lab, driven: &[Driven]) -> Table {
     let columns = ["goal", "iteration", "arrived", "steps", "optimal", "longest", "thesis: arrived"];
     let mut table = Table::new("Trajectories that arrived", &columns);
     for (task, goal) in lab.scenario.tasks.iter().enumerate() {
-        for iteration in Iteration::ALL {
+        for iteration in Iteration::BOTH {
             let of = driven.iter().filter(|driven| (driven.task, driven.iteration) == (task, iteration));
             let (mut share, mut steps, mut optimal, mut longest) = (vec![], vec![], vec![], 0);
             for driven in of {
@@ -214,5 +214,5 @@ fn plots(lab: &Lab, driven: &[Driven], seed: u64) -> Vec<(String, String)> {
         rooms(&format!("Trajectories, {}", iteration.name()), lab, &sketches)
     };
     let name = |iteration| if iteration == Iteration::Thesis { "thesis.svg" } else { "ours.svg" };
-    Iteration::ALL.into_iter().map(|iteration| (name(iteration).to_owned(), plot(iteration))).collect()
+    Iteration::BOTH.into_iter().map(|iteration| (name(iteration).to_owned(), plot(iteration))).collect()
 }

@@ -10,10 +10,9 @@ use serde::{Deserialize, Serialize};
 use super::lab::Lab;
 use super::local::{self, METRES_PER_RADIAN};
 use super::plot::{Line, chart};
-use super::quality::{Quality, reference_trips};
-use super::trained::{Iteration, Sampled, Trained, Training, quality, train};
+use super::quality::{Quality, Trials, driven};
+use super::trained::{Iteration, Sampled, Trained, Training, train, trips};
 use super::{Band, Bench, Cell, Experiment, ExperimentError, Once, Results, Sizes, Table};
-use crate::evaluate::{Evaluator, Situation, Trip};
 use crate::policy::{Learned, points};
 use crate::report::draw::Axis;
 
@@ -77,12 +76,6 @@ struct Settings {
     metres_per_radian: f64,
 }
 
-struct Prepared {
-    evaluator: Evaluator,
-    /// Trips of the reference policy, by task.
-    reference: Vec<Vec<Trip>>,
-}
-
 /// By values and number of transitions, for each seed and task.
 type Found = BTreeMap<(Values, usize), Vec<Vec<Quality>>>;
 
@@ -98,7 +91,7 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
         goals = lab.scenario.tasks.iter().map(|task| task.name.clone()).collect();
         let settings = &lab.scenario.value;
         let training = Training::new(&lab, actions, vectors, features);
-        let (trained, prepared) = (Once::<Trained<'_>>::default(), Once::default());
+        let (trained, trials) = (Once::<Trained<'_>>::default(), Once::<Trials<'_>>::default());
         for (values, &count) in Values::ALL.iter().flat_map(|&values| counts.iter().map(move |count| (values, count))) {
             let of_values = Settings {
                 training: training.clone(),
@@ -111,13 +104,8 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
             let qualities: Vec<Quality> =
                 bench.result(&format!("{}, {count} transitions, seed {seed}", values.name()), &of_values, || {
                     let trained = trained.get(|| train(&lab, &training, bench))?;
-                    let prepared = prepared.get(|| {
-                        let evaluator = Evaluator::new(lab.scenario.clone(), lab.world.clone(), starts, seed);
-                        let tasks = 0..lab.scenario.tasks.len();
-                        let reference = tasks.map(|task| reference_trips(&lab, &evaluator, task)).collect();
-                        Ok::<_, ExperimentError>(Prepared { evaluator, reference })
-                    })?;
-                    tried(trained, prepared, (values, count), bench)
+                    let trials = trials.get(|| Ok::<_, ExperimentError>(Trials::new(&lab, starts)))?;
+                    tried(trained, trials, (values, count), bench)
                 })?;
             found.entry((values, count)).or_default().push(qualities);
         }
@@ -136,29 +124,26 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
 /// What the policies of all tasks come to.
 fn tried(
     trained: &Trained<'_>,
-    prepared: &Prepared,
+    trials: &Trials<'_>,
     (values, count): (Values, usize),
     bench: &Bench<'_>,
 ) -> Result<Vec<Quality>, ExperimentError> {
-    let Prepared { evaluator, reference } = prepared;
     let lab = trained.lab;
     let reflexes = Iteration::Ours.reflexes(lab);
-    let gamma = lab.scenario.value.gamma;
     let tasks = 0..lab.scenario.tasks.len();
     if values == Values::Linear {
         let sampled = Sampled::new(trained, count, Iteration::Ours, bench)?;
         let of_task = |task: usize| {
             let fit = sampled.fit(trained.model.features(), task, Iteration::Ours)?;
-            quality(trained, &fit, (evaluator, task), reflexes, &reference[task])
+            Ok(trials.quality(task, &trips(&trained.model, &fit, (&trials.evaluator, task), reflexes)?))
         };
         return tasks.map(of_task).collect();
     }
     let settings = &lab.scenario.value;
     let transitions = trained.walked.spread(count);
-    let of_trips = |task: usize, trips: Vec<Trip>| Quality::of(&trips, &reference[task], gamma);
     if values == Values::Pose {
         let policies = local::of_pose(lab, &trained.walked, transitions)?;
-        return Ok(tasks.map(|task| of_trips(task, policies.trips(evaluator, task))).collect());
+        return Ok(tasks.map(|task| trials.quality(task, &policies.trips(&trials.evaluator, task))).collect());
     }
     let rule = local::Rule {
         ridge: if values == Values::Means { NO_SLOPES } else { settings.local_ridge },
@@ -170,16 +155,8 @@ fn tried(
     };
     let local::Valued { instances, worths } = local::values(lab, &trained.walked, transitions, rule, at)?;
     let learned = Learned::local(1, 0, 0, trained.model.clone(), instances, worths)?;
-    let of_task = |task: usize| {
-        let choose = |situation: &Situation<'_>| {
-            // These trips have a camera.
-            let none = crate::robot::ActionValues::new([]);
-            let values = situation.seen.map_or(none, |seen| learned.q_values(seen, task));
-            reflexes.best(&values, situation.recent).0
-        };
-        of_trips(task, evaluator.trips(task, true, &choose))
-    };
-    Ok(tasks.map(of_task).collect())
+    let trips = |task: usize| driven(&trials.evaluator, task, &learned, task, reflexes);
+    Ok(tasks.map(|task| trials.quality(task, &trips(task))).collect())
 }
 
 fn table(found: &Found, goals: &[String]) -> Table {
@@ -188,7 +165,7 @@ fn table(found: &Found, goals: &[String]) -> Table {
     for ((values, count), by_seed) in found {
         for (task, goal) in goals.iter().enumerate() {
             let band = |of: &dyn Fn(&Quality) -> Option<f64>| {
-                Band::of(&by_seed.iter().filter_map(|qualities| of(&qualities[task])).collect::<Vec<_>>())
+                Band::of(by_seed.iter().filter_map(|qualities| of(&qualities[task])))
             };
             let cells = vec![
                 Cell::text(values.name()),
@@ -212,7 +189,7 @@ fn plot(found: &Found) -> Result<String, ExperimentError> {
     };
     let line = |(colour, values): (usize, Values)| {
         let points = found.iter().filter(|((of, _), _)| *of == values);
-        let band = |by_seed: &Vec<Vec<Quality>>| Band::of(&by_seed.iter().map(mean).collect::<Vec<_>>());
+        let band = |by_seed: &Vec<Vec<Quality>>| Band::of(by_seed.iter().map(mean));
         Line::new(values.name(), colour, points.map(|((_, count), by_seed)| (*count as f64, band(by_seed))))
     };
     let lines: Vec<Line> = Values::ALL.into_iter().enumerate().map(line).collect();

@@ -9,10 +9,9 @@ use serde::{Deserialize, Serialize};
 
 use super::lab::{FRAMES, Lab, TRANSITIONS};
 use super::plot::{Line, chart};
-use super::quality::{Quality, reference_trips};
-use super::trained::{Iteration, Sampled, Trained, Training, quality, train};
+use super::quality::{Quality, Trials};
+use super::trained::{Iteration, Sampled, Trained, Training, train, trips};
 use super::{Band, Bench, Cell, Experiment, ExperimentError, Once, Results, Sizes, Table};
-use crate::evaluate::{Evaluator, Trip};
 use crate::report::draw::Axis;
 
 /// The experiment.
@@ -65,11 +64,6 @@ pub struct Policy {
     pub quality: Quality,
 }
 
-struct Prepared {
-    evaluator: Evaluator,
-    reference: Vec<Trip>,
-}
-
 /// By number of features and iteration, one policy for each seed.
 type Found = BTreeMap<(usize, Iteration), Vec<Policy>>;
 
@@ -86,28 +80,24 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
         gamma = lab.scenario.value.gamma;
         let task = lab.task_number(TASK).unwrap_or(0);
         let training = Training::new(&lab, actions, vectors, most - 1);
-        let (trained, prepared) = (Once::<Trained<'_>>::default(), Once::default());
-        let sampled: [Once<Sampled<'_>>; 2] = Default::default();
+        let (trained, trials) = (Once::<Trained<'_>>::default(), Once::<Trials<'_>>::default());
+        let sampled: [Once<Sampled<'_>>; 3] = Default::default();
         for &d in features {
             let settings = Settings { training: training.clone(), transitions, task: TASK, starts, features: d };
             let outcome: Outcome = bench.result(&format!("{d} features, seed {seed}"), &settings, || {
                 let trained = trained.get(|| train(&lab, &training, bench))?;
-                let Prepared { evaluator, reference } = prepared.get(|| {
-                    let evaluator = Evaluator::new(lab.scenario.clone(), lab.world.clone(), starts, seed);
-                    let reference = reference_trips(&lab, &evaluator, task);
-                    Ok::<_, ExperimentError>(Prepared { evaluator, reference })
-                })?;
+                let trials = trials.get(|| Ok::<_, ExperimentError>(Trials::new(&lab, starts)))?;
                 let policy = |iteration: Iteration| {
                     bench.go_on()?;
                     let make = || Sampled::new(trained, transitions, iteration, bench);
                     let fit = sampled[iteration as usize].get(make)?.fit(d, task, iteration)?;
-                    let quality = quality(trained, &fit, (evaluator, task), iteration.reflexes(&lab), reference)?;
-                    Ok::<_, ExperimentError>(Policy { converged: fit.converged, quality })
+                    let trips = trips(&trained.model, &fit, (&trials.evaluator, task), iteration.reflexes(&lab))?;
+                    Ok::<_, ExperimentError>(Policy { converged: fit.converged, quality: trials.quality(task, &trips) })
                 };
-                let policies: Result<Vec<Policy>, _> = Iteration::ALL.into_iter().map(policy).collect();
+                let policies: Result<Vec<Policy>, _> = Iteration::BOTH.into_iter().map(policy).collect();
                 Ok(Outcome { support_vectors: trained.model.members.ncols(), policies: policies? })
             })?;
-            for (iteration, policy) in Iteration::ALL.into_iter().zip(outcome.policies) {
+            for (iteration, policy) in Iteration::BOTH.into_iter().zip(outcome.policies) {
                 found.entry((d, iteration)).or_default().push(policy);
             }
             sizes.push(outcome.support_vectors as f64);
@@ -130,7 +120,7 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
 }
 
 fn band(policies: &[Policy], of: impl Fn(&Quality) -> Option<f64>) -> Option<Band> {
-    Band::of(&policies.iter().filter_map(|policy| of(&policy.quality)).collect::<Vec<_>>())
+    Band::of(policies.iter().filter_map(|policy| of(&policy.quality)))
 }
 
 fn table(found: &Found, gamma: f64) -> Table {
@@ -187,7 +177,7 @@ fn plots(found: &Found) -> Result<Vec<(String, String)>, ExperimentError> {
             let points = found.iter().filter(|((_, i), _)| *i == iteration);
             Line::new(iteration.name(), colour, points.map(|(&(d, _), policies)| (d as f64, band(policies, of))))
         };
-        Iteration::ALL.into_iter().enumerate().map(line).collect::<Vec<_>>()
+        Iteration::BOTH.into_iter().enumerate().map(line).collect::<Vec<_>>()
     };
     let x = Axis::log("features d");
     let quality = chart(

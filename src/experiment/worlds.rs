@@ -10,12 +10,13 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::driven::{SMALL, curve, drive};
-use super::field::{Field, Point, StreamQRun, with_one};
+use super::field::{Field, Point, StreamQRun};
 use super::lab::{Data, Lab, WORLDS};
 use super::plot::{Line, chart};
-use super::quality::{Quality, reference_trips};
+use super::quality::{Quality, Trials, driven};
+use super::trained::with_one;
 use super::{Band, Bench, Cell, Experiment, ExperimentError, Once, Results, Sizes, Table};
-use crate::evaluate::{Evaluator, Situation};
+use crate::evaluate::Evaluator;
 use crate::policy::Reflexes;
 use crate::report::draw::Axis;
 
@@ -191,23 +192,16 @@ fn of_agent(settings: &Settings, (place, seed): (usize, u64), bench: &Bench<'_>)
     }
     let lab = Lab::driven(place, seed, &sets)?;
     let (scenario, world) = (&lab.scenario, &lab.world);
-    let evaluator = |starts: usize| Evaluator::new(scenario.clone(), world.clone(), starts, seed);
-    let outcome = drive(scenario, world, &evaluator(settings.starts.1), bench)?;
+    let evaluator = Evaluator::new(scenario.clone(), world.clone(), settings.starts.1, seed);
+    let outcome = drive(scenario, world, &evaluator, bench)?;
     let Some(learned) = outcome.learned else {
         return Err(ExperimentError::Run(outcome.without_model.unwrap_or_else(|| "no model was learned".into())));
     };
-    let evaluator = evaluator(settings.starts.0);
+    let trials = Trials::new(&lab, settings.starts.0);
     let reflexes = Reflexes::new(&scenario);
     let of_task = |task: usize| {
         bench.go_on()?;
-        let choose = |situation: &Situation<'_>| {
-            // These trips have a camera.
-            let none = crate::robot::ActionValues::new([]);
-            let values = situation.seen.map_or(none, |seen| learned.q_values(seen, task));
-            reflexes.best(&values, situation.recent).0
-        };
-        let reference = reference_trips(&lab, &evaluator, task);
-        Ok(Quality::of(&evaluator.trips(task, true, &choose), &reference, scenario.value.gamma))
+        Ok(trials.quality(task, &driven(&trials.evaluator, task, &learned, task, reflexes)))
     };
     let qualities: Result<Vec<Quality>, ExperimentError> = (0..scenario.tasks.len()).map(of_task).collect();
     let support_vectors = Some(outcome.support_vectors);
@@ -229,11 +223,11 @@ fn of_field(field: &Field<'_>, method: Method, actions: usize) -> Result<Tried, 
         Method::QOnPixels => {
             let episode = scenario.evaluate.max_steps;
             let run = StreamQRun { actions: &[actions], episode, features: field.video.nrows() + 1 };
-            let mut moments = field.stream_q(&run, with_one)?;
+            let mut moments = field.stream_q(&run, |x| with_one(&x))?;
             moments.pop().unwrap_or_default()
         }
         Method::Random => field.random()?,
-        Method::Reference => field.qualities(|task| Ok(field.reference[task].clone()))?,
+        Method::Reference => field.qualities(|task| Ok(field.trials.reference[task].clone()))?,
         // The agent is not of the field.
         Method::Agent | Method::AgentLinear | Method::Optimal => field.optimum()?,
     };
@@ -245,7 +239,7 @@ fn table(found: &Found) -> Table {
         ["world", "method", "actions", "support vectors", "success", "least", "steps", "extra", "quality", "good from"];
     let mut table = Table::new("The agent in every world", &columns);
     for (&(place, method), seeds) in found {
-        let band = |of: &dyn Fn(&Tried) -> Option<f64>| Band::of(&seeds.iter().filter_map(of).collect::<Vec<_>>());
+        let band = |of: &dyn Fn(&Tried) -> Option<f64>| Band::of(seeds.iter().filter_map(of));
         let least = |tried: &Tried| tried.qualities.iter().map(|q| q.success).min_by(f64::total_cmp);
         let learns = !matches!(method, Method::Random | Method::Reference | Method::Optimal);
         let actions = seeds.first().filter(|_| learns).map_or(Cell::Empty, |tried| Cell::count(tried.actions));

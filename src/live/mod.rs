@@ -27,3 +27,12 @@ pub use tail::Tail;
 pub use view::{
     Curve, Curves, DecisionView, DictionaryView, FeaturesView, HealthView, Phase, TaskView, View, WallView, Watcher,
 };
+
+/// Tells other threads that something is over, also if it panics.
+pub(crate) struct SetWhenDropped<'a>(pub &'a std::sync::atomic::AtomicBool);
+
+impl Drop for SetWhenDropped<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, std::sync::atomic::Ordering::Relaxed);
+    }
+}

@@ -16,9 +16,9 @@ use serde::{Deserialize, Serialize};
 
 use self::results::Findings;
 use super::lab::{Data, FRAMES, Lab, TRANSITIONS, Transition, Walked, points};
-use super::quality::{Quality, reference_trips};
+use super::quality::{Quality, Trials};
+use super::trained::{Iteration, with_one, worths};
 use super::{Bench, Experiment, ExperimentError, Once, Results, Sizes};
-use crate::evaluate::{Evaluator, Trip};
 use crate::policy::Reflexes;
 use crate::robot::Pose;
 use crate::slow::theory::OptimalResponses;
@@ -114,16 +114,13 @@ struct Prepared<'a> {
     walked: Walked,
     /// Of each kind.
     transitions: [Vec<Transition>; 2],
-    evaluator: Evaluator,
-    reference: Vec<Trip>,
+    trials: Trials<'a>,
 }
 
 fn prepare(lab: &Lab, (frames, transitions): (usize, usize), starts: usize) -> Prepared<'_> {
     let walked = lab.walk(frames);
     let transitions = [walked.as_in_the_thesis(transitions), walked.spread(transitions)];
-    let evaluator = Evaluator::new(lab.scenario.clone(), lab.world.clone(), starts, lab.scenario.seed);
-    let reference = reference_trips(lab, &evaluator, task_of(lab));
-    Prepared { lab, walked, transitions, evaluator, reference }
+    Prepared { lab, walked, transitions, trials: Trials::new(lab, starts) }
 }
 
 /// The task in the lab's scenario, which has one of this name.
@@ -143,8 +140,7 @@ impl Prepared<'_> {
         let theory = lab.optimal_responses(&self.walked, weight, d - 1)?;
         let features = |frame: fn(&Transition) -> usize| -> Result<Mat<f64>, ExperimentError> {
             let poses: Vec<Pose> = used.iter().map(|t| self.walked.poses[frame(t)]).collect();
-            let waves = theory.evaluate(points(&poses).as_ref())?;
-            Ok(Mat::from_fn(d, n, |i, j| if i == 0 { 1.0 } else { waves[(i - 1, j)] }))
+            Ok(with_one(&theory.evaluate(points(&poses).as_ref())?))
         };
         let (phi, next) = (features(|t| t.from)?, features(|t| t.to)?);
         let (phi, next) = (phi.as_ref(), next.as_ref());
@@ -166,14 +162,8 @@ impl Prepared<'_> {
         let uniform = fit(Start::Uniform)?;
         let reflexes = Reflexes::new(&lab.scenario);
         let allowed: Vec<u32> = used.iter().map(|t| reflexes.allowed(t.recent)).collect();
-        let options = LspiOptions {
-            ridge: value.ridge,
-            mixing: value.mixing,
-            max_iterations: value.max_iterations,
-            tolerance: value.tolerance,
-            ..plain
-        };
-        let ours = problem.fit(&Outcomes { next, rewards: &rewards, allowed: Some(&allowed) }, &options)?;
+        let outcomes = Outcomes { next, rewards: &rewards, allowed: Some(&allowed) };
+        let ours = problem.fit(&outcomes, &Iteration::Ours.options(lab))?;
         let judged = |fit: &Fit, reflexes| Fitted {
             iterations: fit.iterations,
             converged: fit.converged,
@@ -187,15 +177,11 @@ impl Prepared<'_> {
     }
 
     fn quality(&self, fit: &Fit, theory: &OptimalResponses, reflexes: Reflexes) -> Quality {
-        let trips = self.evaluator.trips(task_of(self.lab), false, &|situation| {
+        let trips = self.trials.evaluator.trips(task_of(self.lab), false, &|situation| {
             let waves = theory.evaluate(points(&[*situation.pose]).as_ref()).expect("the robot is near the room");
-            let worth = |a: usize| {
-                let weights = fit.weights.col(a);
-                weights[0] + (0..waves.nrows()).map(|i| weights[i + 1] * waves[(i, 0)]).sum::<f64>()
-            };
-            reflexes.best(&[worth(0), worth(1), worth(2)], situation.recent).0
+            reflexes.best(&worths(&fit.weights, &waves), situation.recent).0
         });
-        Quality::of(&trips, &self.reference, self.lab.scenario.value.gamma)
+        self.trials.quality(task_of(self.lab), &trips)
     }
 }
 

@@ -17,7 +17,7 @@ pub struct Findings {
 }
 
 fn band(fitted: &[Fitted], of: impl Fn(&Quality) -> Option<f64>) -> Option<Band> {
-    Band::of(&fitted.iter().filter_map(|fitted| of(&fitted.quality)).collect::<Vec<_>>())
+    Band::of(fitted.iter().filter_map(|fitted| of(&fitted.quality)))
 }
 
 fn converged(fitted: &[Fitted]) -> f64 {

@@ -9,13 +9,14 @@ pub mod responses;
 
 pub use floor::Single;
 
-use faer::{Mat, MatRef, Par};
+use faer::{Mat, Par};
 use nalgebra::Point2;
 use rand::RngExt;
 use serde::Serialize;
 
 use super::lab::{Data, Lab, Transition};
-use super::pipeline::{LAMBDA, NU, Widths, slow_features};
+use super::pipeline::{LAMBDA, NU};
+use super::trained::seen;
 use super::{Bench, ExperimentError};
 use crate::evaluate::draw_pose;
 use crate::policy::Recent;
@@ -114,24 +115,7 @@ fn train(
     training: &Training,
     bench: &Bench<'_>,
 ) -> Result<(Mat<f32>, SlowModel<f32>), ExperimentError> {
-    let frames = lab.video(&pairs.poses, bench)?;
-    bench.say(&format!("rendered {} frames", frames.ncols()));
-    let dictionary = Widths::default().select(frames.as_ref(), training.vectors, bench)?;
-    let (_, model) = slow_features(&dictionary, frames.as_ref(), &pairs.links(lab), training.features, bench)?;
-    Ok((frames, model))
-}
-
-/// Features of many frames, a block at a time.
-fn apply(model: &SlowModel<f32>, frames: MatRef<'_, f32>, bench: &Bench<'_>) -> Result<Mat<f64>, ExperimentError> {
-    const AT_ONCE: usize = 1024;
-    let mut phi = Mat::zeros(model.features(), frames.ncols());
-    for start in (0..frames.ncols()).step_by(AT_ONCE) {
-        bench.go_on()?;
-        let count = AT_ONCE.min(frames.ncols() - start);
-        let found = model.apply(frames.subcols(start, count), bench.scope.par)?;
-        phi.as_mut().subcols_mut(start, count).copy_from(&found);
-    }
-    Ok(phi)
+    seen(lab, &pairs.poses, &pairs.links(lab), (training.vectors, training.features), bench)
 }
 
 /// The `k` slowest optimal responses of the floor plan, for the speeds of some pairs.

@@ -150,7 +150,7 @@ fn claims(outcomes: &[Outcome]) -> Table {
         let count = |of: fn(&Outcome) -> &Vec<Single>| {
             let counts =
                 outcomes.iter().map(|outcome| of(outcome).iter().filter(|single| holds(single)).count() as f64);
-            Band::of(&counts.collect::<Vec<_>>())
+            Band::of(counts)
         };
         let ours = count(|outcome| &outcome.features);
         let mean = ours.map_or(0.0, |band| band.mean);

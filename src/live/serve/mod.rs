@@ -33,6 +33,7 @@ use tokio::sync::Semaphore;
 pub use address::{AddressError, parse_address};
 pub use guard::{Guard, TokenError};
 
+use super::SetWhenDropped;
 use super::view::{View, Watcher};
 use crate::agent::Controls;
 use crate::scenario::{Plan, Scenario, Task};
@@ -321,12 +322,4 @@ fn publish(watcher: &mut Watcher, shared: &Shared, version: u64) {
 /// A value as JSON. None of ours can fail: their keys are texts.
 fn bytes(value: &impl Serialize) -> Bytes {
     serde_json::to_vec(value).map(Bytes::from).unwrap_or_default()
-}
-
-struct SetWhenDropped<'a>(&'a AtomicBool);
-
-impl Drop for SetWhenDropped<'_> {
-    fn drop(&mut self) {
-        self.0.store(true, Ordering::Relaxed);
-    }
 }

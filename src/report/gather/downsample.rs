@@ -14,6 +14,12 @@ pub struct Downsample<T> {
     offered: u64,
 }
 
+impl<T> Default for Downsample<T> {
+    fn default() -> Self {
+        Downsample::last_of(0)
+    }
+}
+
 impl<T> Downsample<T> {
     /// An empty series of at most `most` entries, an even number; `merge` puts an entry into the one before.
     pub fn new(most: usize, merge: fn(&mut T, T)) -> Self {
@@ -23,6 +29,11 @@ impl<T> Downsample<T> {
     /// An empty series that keeps the first of each group of neighbours.
     pub fn first_of(most: usize) -> Self {
         Downsample::new(most, |_, _| {})
+    }
+
+    /// An empty series that keeps the last of each group of neighbours.
+    pub fn last_of(most: usize) -> Self {
+        Downsample::new(most, |a, b| *a = b)
     }
 
     /// One more entry.

@@ -43,7 +43,7 @@ const CELLS: usize = 200_000;
 pub const ROOM: (&str, &str) = ("room", "not simulated");
 
 /// What a log holds, as far as a report shows it.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Gathered {
     /// What the log's files say of the run.
     pub metadata: BTreeMap<String, String>,
@@ -196,44 +196,13 @@ impl Gathered {
     /// Nothing yet, of so many files.
     pub(crate) fn empty(files: usize) -> Self {
         Gathered {
-            metadata: BTreeMap::new(),
-            topics: BTreeMap::new(),
-            stamps_ns: None,
             files,
-            closed: false,
-            damaged: 0,
-            damage: Vec::new(),
-            skipped: 0,
-            goes_on: None,
-            frames: 0,
-            first_frame: None,
-            last_frame: 0,
-            actions: [0; 3],
-            blocked: 0,
-            decided: [0; 3],
-            poses: 0,
-            last: VecDeque::new(),
-            visits: BTreeMap::new(),
-            motion: [Motion::default(); 2],
             samples: Downsample::first_of(SAMPLES),
-            growth: Downsample::new(LINE, |a, b| *a = b),
+            growth: Downsample::last_of(LINE),
             members: Downsample::first_of(MEMBERS),
-            members_elsewhere: 0,
-            full_since: None,
-            quarantined: 0,
-            models: Downsample::new(LINE, |a, b| *a = b),
-            epoch: 0,
-            slowness: Vec::new(),
-            tried: BTreeMap::new(),
+            models: Downsample::last_of(LINE),
             health: Downsample::new(LINE, HealthSeen::merge),
-            queues: Vec::new(),
-            dropped: 0,
-            warnings: 0,
-            said: Vec::new(),
-            moved: Vec::new(),
-            goals: BTreeMap::new(),
-            recent: VecDeque::new(),
-            sequence: None,
+            ..Gathered::default()
         }
     }
 
@@ -312,7 +281,7 @@ impl Gathered {
             self.modelled(record.decode()?);
         } else if is(topics::EVALUATION.name()) {
             let tried: Evaluation = record.decode()?;
-            self.tried.entry(tried.task).or_insert_with(|| Downsample::new(LINE, |a, b| *a = b)).push(Tried {
+            self.tried.entry(tried.task).or_insert_with(|| Downsample::last_of(LINE)).push(Tried {
                 frame: tried.frame,
                 success: tried.success,
                 low: tried.success_wilson_low,

@@ -13,19 +13,18 @@ use nalgebra::{Point2, Vector2};
 use serde::{Deserialize, Serialize};
 
 use self::results::{best, plots, table};
-use super::{Pairs, TRANSITIONS, Training, VECTORS, apply, optimal_responses, room_of, rooms, train};
-use crate::evaluate::reference_action;
-use crate::evaluate::{Evaluator, Trip};
+use super::{Pairs, TRANSITIONS, Training, VECTORS, optimal_responses, room_of, rooms, train};
+use crate::evaluate::{Trip, reference_action};
 use crate::experiment::lab::{Lab, points};
-use crate::experiment::quality::Quality;
-use crate::experiment::trained::trips;
+use crate::experiment::quality::{Quality, Trials};
+use crate::experiment::trained::{Iteration, apply, trips, with_one, worths};
 use crate::experiment::{Band, Bench, Experiment, ExperimentError, Once, Results, Sizes};
 use crate::policy::Reflexes;
 use crate::robot::{Action, Pose};
 use crate::slow::SlowModel;
 use crate::slow::region::RegionResponses;
 use crate::slow::theory::{OptimalResponses, plane_motion};
-use crate::value::{Fit, Lspi, LspiOptions, Outcomes, Samples};
+use crate::value::{Fit, Lspi, Outcomes, Samples};
 
 /// The experiment.
 pub const EXPERIMENT: Experiment = Experiment {
@@ -78,44 +77,6 @@ impl Features {
     }
 }
 
-/// How policy iteration is done, and what drives.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
-#[serde(rename_all = "snake_case")]
-enum Iteration {
-    /// As in the thesis: from all actions alike, no ridge, no mixing.
-    Thesis,
-    /// Ridge and mixing of the scenario.
-    Alone,
-    /// The same with the scenario's reflexes, in the iteration and while driving.
-    Ours,
-}
-
-impl Iteration {
-    const ALL: [Iteration; 3] = [Iteration::Thesis, Iteration::Alone, Iteration::Ours];
-
-    fn name(self) -> &'static str {
-        match self {
-            Iteration::Thesis => "the thesis's LSPI",
-            Iteration::Alone => "ours without reflexes",
-            Iteration::Ours => "ours: ridge, mixing, reflexes",
-        }
-    }
-
-    fn reflexes(self, lab: &Lab) -> Reflexes {
-        let reflexes = Reflexes::new(&lab.scenario);
-        if self == Iteration::Ours { reflexes } else { reflexes.off() }
-    }
-
-    fn options(self, lab: &Lab) -> LspiOptions {
-        let value = &lab.scenario.value;
-        let plain = LspiOptions { gamma: value.gamma, max_iterations: value.max_iterations, ..LspiOptions::plain() };
-        if self == Iteration::Thesis {
-            return plain;
-        }
-        LspiOptions { ridge: value.ridge, mixing: value.mixing, tolerance: value.tolerance, ..plain }
-    }
-}
-
 #[derive(Serialize)]
 struct Settings {
     training: Training,
@@ -162,37 +123,27 @@ struct Made {
 struct Shared<'a> {
     lab: &'a Lab,
     pairs: Pairs,
-    evaluator: Evaluator,
-    /// Trips of the reference policy, by task.
-    reference: Vec<Vec<Trip>>,
+    trials: Trials<'a>,
 }
 
 impl<'a> Shared<'a> {
     fn new(lab: &'a Lab, pairs: usize, starts: usize) -> Self {
-        let evaluator = Evaluator::new(lab.scenario.clone(), lab.world.clone(), starts, lab.scenario.seed);
-        let tasks = 0..lab.scenario.tasks.len();
-        let reference = tasks.map(|task| {
-            let goal = Point2::from(lab.task(task).goal);
-            evaluator.trips(task, false, &|situation| reference_with_subgoals(lab, situation.pose, goal))
-        });
-        Shared { lab, pairs: Pairs::draw(lab, pairs), reference: reference.collect(), evaluator }
+        let trials = Trials::against(lab, starts, |pose, goal| reference_with_subgoals(lab, pose, goal));
+        Shared { lab, pairs: Pairs::draw(lab, pairs), trials }
     }
 
     fn make(&self, settings: &Settings, most: usize, bench: &Bench<'_>) -> Result<Made, ExperimentError> {
         let (lab, pairs) = (self.lab, &self.pairs);
-        let with_constant = |rows: Mat<f64>| {
-            Mat::from_fn(rows.nrows() + 1, rows.ncols(), |i, j| if i == 0 { 1.0 } else { rows[(i - 1, j)] })
-        };
         Ok(match settings.kind {
             Features::Trigonometric => {
                 let (speed, turn) = pairs.speeds(lab);
                 let waves = OptimalResponses::slowest(&lab.axes()?, &plane_motion(speed, turn), most - 1)?;
-                let phi = with_constant(waves.evaluate(points(&pairs.poses).as_ref())?);
+                let phi = with_one(&waves.evaluate(points(&pairs.poses).as_ref())?);
                 Made { phi, source: Source::Trigonometric(waves) }
             }
             Features::Optimal => {
                 let responses = optimal_responses(lab, pairs, most - 1)?;
-                let phi = with_constant(responses.evaluate(points(&pairs.poses).as_ref()));
+                let phi = with_one(&responses.evaluate(points(&pairs.poses).as_ref()));
                 Made { phi, source: Source::Optimal(responses) }
             }
             Features::Vision => {
@@ -239,15 +190,11 @@ impl<'a> Shared<'a> {
             Source::Vision(_) => unreachable!("images are seen by the camera"),
         };
         if let Source::Vision(model) = source {
-            return trips(model, fit, (&self.evaluator, task), reflexes);
+            return trips(model, fit, (&self.trials.evaluator, task), reflexes);
         }
-        Ok(self.evaluator.trips(task, false, &|situation| {
+        Ok(self.trials.evaluator.trips(task, false, &|situation| {
             let phi = features(situation.pose);
-            let worth = |a: usize| {
-                let weights = fit.weights.col(a);
-                weights[0] + (1..weights.nrows()).map(|i| weights[i] * phi[(i - 1, 0)]).sum::<f64>()
-            };
-            reflexes.best(&[worth(0), worth(1), worth(2)], situation.recent).0
+            reflexes.best(&worths(&fit.weights, &phi), situation.recent).0
         }))
     }
 
@@ -258,7 +205,7 @@ impl<'a> Shared<'a> {
             let from = |trip: &Trip| room_of(self.lab, trip.poses[0].position).is_some_and(wanted);
             let (some, reference): (Vec<Trip>, Vec<Trip>) = trips
                 .iter()
-                .zip(&self.reference[task])
+                .zip(&self.trials.reference[task])
                 .filter(|(trip, _)| from(trip))
                 .map(|(trip, reference)| (trip.clone(), reference.clone()))
                 .unzip();
@@ -267,7 +214,7 @@ impl<'a> Shared<'a> {
         // The rooms are the scenario's first two; starts in the corridor count among all only.
         Policy {
             converged,
-            all: Quality::of(trips, &self.reference[task], gamma),
+            all: self.trials.quality(task, trips),
             within: of(&|room| Some(room) == home),
             across: of(&|room| room < 2 && Some(room) != home),
         }

@@ -2,15 +2,16 @@
 
 use std::collections::BTreeMap;
 
-use super::{Features, Found, Iteration, MORE, Policy, REGIME, ROUNDED, WORKS};
+use super::{Features, Found, MORE, Policy, REGIME, ROUNDED, WORKS};
 use crate::experiment::lab::Lab;
 use crate::experiment::plot::{Line, chart};
 use crate::experiment::quality::Quality;
+use crate::experiment::trained::Iteration;
 use crate::experiment::{Band, Cell, ExperimentError, Table};
 use crate::report::draw::Axis;
 
 fn band(policies: &[&Policy], of: impl Fn(&Policy) -> Option<f64>) -> Option<Band> {
-    Band::of(&policies.iter().filter_map(|policy| of(policy)).collect::<Vec<_>>())
+    Band::of(policies.iter().filter_map(|policy| of(policy)))
 }
 
 /// Steps more than the optimum, as the mean over policies: log_γ of the convergence quality.
