@@ -43,7 +43,7 @@ const LAMBDAS: [f64; 7] = [1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2];
 const WIDTHS: [f64; 3] = [0.5, 1.0, 2.0];
 /// Support vectors of the kernel ridge regression at most.
 const SUPPORT_VECTORS: usize = 500;
-/// Snapshot into which the poses are divided to choose.
+/// Parts into which the poses are divided to choose.
 const FOLDS: usize = 4;
 
 /// Learn `(x, y, cos θ, sin θ)` from the features of random poses, and test on others.

@@ -51,11 +51,11 @@ mod tests {
 
     #[test]
     fn percentiles_are_linear_between_the_numbers() {
-        let band = Band::of(&[4.0, 0.0, 2.0, 1.0, 3.0]).unwrap();
+        let band = Band::of([4.0, 0.0, 2.0, 1.0, 3.0]).unwrap();
         assert_eq!((band.mean, band.count), (2.0, 5));
         assert!((band.low - 0.4).abs() < 1e-12 && (band.high - 3.6).abs() < 1e-12);
         assert!((band.deviation - 2.5f64.sqrt()).abs() < 1e-12);
-        assert_eq!(Band::of(&[7.0]).unwrap(), Band { mean: 7.0, deviation: 0.0, low: 7.0, high: 7.0, count: 1 });
+        assert_eq!(Band::of([7.0]).unwrap(), Band { mean: 7.0, deviation: 0.0, low: 7.0, high: 7.0, count: 1 });
         assert_eq!(Band::of([0.0; 0]), None);
     }
 }

@@ -133,8 +133,8 @@ impl Lab {
         let (scenario, seed) = (&self.scenario, self.scenario.seed);
         let start = Pose::new(Point2::from(scenario.robot.start), scenario.robot.start_heading_deg.to_radians());
         let mut robot = Robot::new(&scenario.robot, start, stream(seed, "motion"));
-        let mut walk = Walk::new(&scenario, stream(seed, "explore"));
-        let reflexes = Reflexes::new(&scenario);
+        let mut walk = Walk::new(scenario, stream(seed, "explore"));
+        let reflexes = Reflexes::new(scenario);
         let mut walked = Walked { poses: vec![robot.pose], actions: Vec::new(), blocked: Vec::new() };
         let mut recent = Recent::default();
         for _ in 0..actions {

@@ -373,7 +373,7 @@ fn plots(found: &[Vec<Outcome>; 2], lab: &Lab, grid: Grid) -> Result<Vec<(String
         let line = |(i, tuning): (usize, &Vec<f64>)| {
             // Once round, with the first heading again at the end.
             let around = tuning.iter().chain(tuning.first()).enumerate();
-            let points = around.map(|(heading, &value)| (360.0 * heading as f64 / HEADINGS as f64, Band::of(&[value])));
+            let points = around.map(|(heading, &value)| (360.0 * heading as f64 / HEADINGS as f64, Band::of([value])));
             Line::new(format!("cell {}", i + 1), i, points)
         };
         let lines: Vec<Line> = outcome.cells.tuning.iter().take(LINE).enumerate().map(line).collect();

@@ -69,7 +69,7 @@ mod tests {
 
     #[test]
     fn a_chart_has_its_lines_bands_and_names() {
-        let bands = [(1.0, Band::of(&[1.0, 2.0])), (2.0, Band::of(&[3.0, 5.0])), (3.0, None)];
+        let bands = [(1.0, Band::of([1.0, 2.0])), (2.0, Band::of([3.0, 5.0])), (3.0, None)];
         let lines = [Line::new("a < b", 0, bands), Line::level("optimum", 6, (1.0, 3.0), 4.0)];
         let svg = chart("Title", (&Axis::new("x"), &Axis::new("y")), &lines).unwrap();
         let document = roxmltree::Document::parse(&svg).unwrap();

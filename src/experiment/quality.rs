@@ -38,7 +38,7 @@ pub struct Trials<'a> {
 impl<'a> Trials<'a> {
     /// Some starts for each task.
     pub fn new(lab: &'a Lab, starts: usize) -> Self {
-        Trials::against(lab, starts, |pose, goal| reference_action(pose, goal))
+        Trials::against(lab, starts, reference_action)
     }
 
     /// The same with another reference policy: what it does at a pose for a goal.

@@ -193,7 +193,7 @@ mod tests {
 
     fn table() -> Table {
         let mut table = Table::new("Steps, by features", &["features", "steps", "thesis: steps"]);
-        let band = Band::of(&[1.0, 2.0, 3.0]).unwrap();
+        let band = Band::of([1.0, 2.0, 3.0]).unwrap();
         table.push(vec![Cell::count(10), Cell::Band(band, 1), Cell::Empty], "not in the thesis");
         table.push(vec![Cell::count(200), Cell::Number(0.5, 2), Cell::text("< 1")], "agrees, | below 1");
         table

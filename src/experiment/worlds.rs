@@ -198,7 +198,7 @@ fn of_agent(settings: &Settings, (place, seed): (usize, u64), bench: &Bench<'_>)
         return Err(ExperimentError::Run(outcome.without_model.unwrap_or_else(|| "no model was learned".into())));
     };
     let trials = Trials::new(&lab, settings.starts.0);
-    let reflexes = Reflexes::new(&scenario);
+    let reflexes = Reflexes::new(scenario);
     let of_task = |task: usize| {
         bench.go_on()?;
         Ok(trials.quality(task, &driven(&trials.evaluator, task, &learned, task, reflexes)))
