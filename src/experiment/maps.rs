@@ -2,15 +2,13 @@
 
 use std::fmt::Write as _;
 
-use base64::Engine as _;
-use base64::engine::general_purpose::STANDARD;
-use image::codecs::png::PngEncoder;
-use image::{ExtendedColorType, ImageEncoder as _};
+use image::ExtendedColorType;
 use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 
 use super::ExperimentError;
 use super::lab::Lab;
+use crate::report::draw::{DrawError, data_url, escape, png_bytes};
 use crate::robot::Pose;
 use crate::scenario::{Task, plan_segments};
 
@@ -83,15 +81,15 @@ pub fn sheet(title: &str, grid: Grid, aspect: f64, lines: &[Vec<Map>]) -> Result
                 svg,
                 "<text x=\"{left:.1}\" y=\"{:.1}\" font-size=\"12\">{}</text>",
                 top + 11.0,
-                escaped(&map.name)
+                escape(&map.name)
             );
             // One pixel for each place, whatever the size of the picture.
             let _ = writeln!(
                 svg,
                 "<image x=\"{left:.1}\" y=\"{:.1}\" width=\"{wide:.1}\" height=\"{high:.1}\" preserveAspectRatio=\"none\" \
-                 style=\"image-rendering: pixelated\" href=\"data:image/png;base64,{}\"/>",
+                 style=\"image-rendering: pixelated\" href=\"{}\"/>",
                 top + HEAD,
-                STANDARD.encode(png(map, grid, largest)?)
+                data_url(&png(map, grid, largest)?)
             );
         }
     }
@@ -99,7 +97,7 @@ pub fn sheet(title: &str, grid: Grid, aspect: f64, lines: &[Vec<Map>]) -> Result
 }
 
 /// A map as a PNG image, a pixel for each place; the y axis points up.
-fn png(map: &Map, grid: Grid, largest: f64) -> Result<Vec<u8>, image::ImageError> {
+fn png(map: &Map, grid: Grid, largest: f64) -> Result<Vec<u8>, DrawError> {
     let mut pixels = Vec::with_capacity(4 * grid.places());
     for row in (0..grid.height).rev() {
         for value in &map.values[row * grid.width..(row + 1) * grid.width] {
@@ -107,10 +105,7 @@ fn png(map: &Map, grid: Grid, largest: f64) -> Result<Vec<u8>, image::ImageError
             pixels.extend([r, g, b, if value.is_some() { 255 } else { 0 }]);
         }
     }
-    let mut bytes = Vec::new();
-    let (width, height) = (grid.width as u32, grid.height as u32);
-    PngEncoder::new(&mut bytes).write_image(&pixels, width, height, ExtendedColorType::Rgba8)?;
-    Ok(bytes)
+    png_bytes((grid.width, grid.height), &pixels, ExtendedColorType::Rgba8)
 }
 
 /// From blue (−1) over white (0) to red (1).
@@ -120,16 +115,12 @@ fn colour(share: f64) -> [u8; 3] {
     ends.map(|end| (255.0 + (end - 255.0) * share.abs()).round() as u8)
 }
 
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;")
-}
-
 fn head(width: f64, height: f64, title: &str) -> String {
     format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width:.0}\" height=\"{height:.0}\" viewBox=\"0 0 {width:.0} \
          {height:.0}\" font-family=\"sans-serif\" fill=\"#282c34\">\n<rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n\
          <text x=\"14\" y=\"22\" font-size=\"16\">{}</text>\n",
-        escaped(title)
+        escape(title)
     )
 }
 
@@ -151,7 +142,7 @@ pub fn rooms(title: &str, lab: &Lab, rooms: &[(&Task, String, Vec<Way<'_>>)]) ->
     for (number, (task, name, ways)) in rooms.iter().enumerate() {
         let (left, top) = (GAP + number as f64 * (wide + 2.0 * GAP), 34.0 + HEAD + GAP);
         let place = |point: Point2<f64>| (left + (point.x - low.x) * scale, top + (high.y - point.y) * scale);
-        let _ = writeln!(svg, "<text x=\"{left:.1}\" y=\"{:.1}\" font-size=\"13\">{}</text>", top - 8.0, escaped(name));
+        let _ = writeln!(svg, "<text x=\"{left:.1}\" y=\"{:.1}\" font-size=\"13\">{}</text>", top - 8.0, escape(name));
         let (x, y) = place(Point2::from(task.goal));
         let _ =
             writeln!(svg, "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{:.1}\" fill=\"#e9b0a8\"/>", task.radius * scale);
@@ -201,6 +192,8 @@ fn draw_way(svg: &mut String, way: &Way<'_>, place: impl Fn(Point2<f64>) -> (f64
 #[cfg(test)]
 mod tests {
     use super::*;
+    use base64::Engine as _;
+    use base64::engine::general_purpose::STANDARD;
 
     #[test]
     fn a_sheet_has_a_pixel_for_each_value_in_its_colour() {

@@ -50,7 +50,7 @@ pub use band::{BAND, Band};
 pub use bench::{Bench, Experiment, Once, Results, Scope, Size, Sizes, run};
 pub use cache::{Cache, Found, Kept};
 pub use error::ExperimentError;
-pub use table::{Cell, SAYS, THESIS, Table};
+pub use table::{Cell, SAYS, Table};
 
 /// All experiments, in the order of the thesis.
 pub const ALL: &[Experiment] = &[

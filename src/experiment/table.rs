@@ -5,9 +5,6 @@ use serde_json::{Map, Value, json};
 
 use super::Band;
 
-/// What begins the names of columns with the thesis's own figures.
-pub const THESIS: &str = "thesis";
-
 /// The last column: what of a row agrees with the thesis.
 pub const SAYS: &str = "against the thesis";
 

@@ -55,8 +55,8 @@ pub struct TopicInfo {
     pub name: &'static str,
     /// The message type ([`Message::TYPE`]).
     pub message: &'static str,
-    /// Its definition ([`Message::DEFINITION`]).
-    pub definition: &'static str,
+    /// Its definition ([`Message::DEFINITION`]), in parts.
+    pub definition: &'static [&'static str],
 }
 
 /// Declares each topic as a constant and [`ALL`] as their list, so that none can be left out.

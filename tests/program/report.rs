@@ -301,8 +301,8 @@ fn write_bag(path: &Path) {
         let schema = writer.add_schema(kind, "ros2msg", definition.as_bytes()).unwrap();
         writer.add_channel(schema, topic, "cdr", &BTreeMap::new()).unwrap()
     };
-    let camera = channel("/front/<image>", Image::TYPE, Image::DEFINITION);
-    let odometry = channel("/odom", Odometry::TYPE, Odometry::DEFINITION);
+    let camera = channel("/front/<image>", Image::TYPE, &Image::DEFINITION.concat());
+    let odometry = channel("/odom", Odometry::TYPE, &Odometry::DEFINITION.concat());
     for i in 0..50u32 {
         let image = Image {
             height: 6,

@@ -24,35 +24,109 @@ use serde::{Serialize, de::DeserializeOwned};
 pub trait Message: Serialize + DeserializeOwned {
     /// Name of the type, for example `sensor_msgs/msg/Image`.
     const TYPE: &'static str;
-    /// The type's definition and those of all types inside it, as a ROS 2 tool expects them.
-    const DEFINITION: &'static str;
+    /// The type's definition and those of all types inside it, as a ROS 2 tool expects them: one text, in parts.
+    const DEFINITION: &'static [&'static str];
 }
 
-/// The line before each definition of an inner type: 80 equals signs.
-macro_rules! separator {
-    () => {
-        "================================================================================\n"
+/// Declares types of a ROS 2 package, each as a struct and as the definition that follows from its fields. Constants stand in
+/// square brackets; what follows `in` are all types inside of a message, in the order of its definition.
+macro_rules! messages {
+    ($($(#[$doc:meta])* $package:ident / $ros:ident $name:ident
+        $([$($(#[$constant_doc:meta])* $constant:ident: $of:tt = $value:literal),+ $(,)?])?
+        { $($(#[$field_doc:meta])* $field:ident: $kind:ident $(<$item:ident>)?,)* }
+        $(in $($inner:ident)*)?
+    ;)+) => {$(
+        $(#[$doc])*
+        #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+        #[allow(missing_docs)]
+        pub struct $name {
+            $($(#[$field_doc])* pub $field: $kind $(<$item>)?,)*
+        }
+
+        $(#[allow(missing_docs)]
+        impl $name {
+            $($(#[$constant_doc])* pub const $constant: u8 = $value;)+
+        })?
+
+        impl $name {
+            /// The definition without those of the types inside.
+            #[allow(dead_code)]
+            pub(super) const FIELDS: &'static str = concat!(
+                $($($of, " ", stringify!($constant), "=", $value, "\n",)+)?
+                $(crate::log::messages::ros_type!($kind $($item)?), " ", stringify!($field), "\n",)*
+            );
+
+            /// What stands before [`Self::FIELDS`] where this type is inside of another one.
+            #[allow(dead_code)]
+            pub(super) const HEAD: &'static str = concat!(
+                "================================================================================\n",
+                "MSG: ", stringify!($package), "/", stringify!($ros), "\n",
+            );
+        }
+
+        $(impl crate::log::Message for $name {
+            const TYPE: &'static str = concat!(stringify!($package), "/msg/", stringify!($ros));
+            const DEFINITION: &'static [&'static str] = &[$name::FIELDS, $($inner::HEAD, $inner::FIELDS),*];
+        })?
+    )+};
+}
+
+/// What ROS 2 calls the type of a field.
+macro_rules! ros_type {
+    (bool) => {
+        "bool"
+    };
+    (i8) => {
+        "int8"
+    };
+    (i16) => {
+        "int16"
+    };
+    (i32) => {
+        "int32"
+    };
+    (i64) => {
+        "int64"
+    };
+    (u8) => {
+        "uint8"
+    };
+    (u16) => {
+        "uint16"
+    };
+    (u32) => {
+        "uint32"
+    };
+    (u64) => {
+        "uint64"
+    };
+    (f32) => {
+        "float32"
+    };
+    (f64) => {
+        "float64"
+    };
+    (String) => {
+        "string"
+    };
+    (Time) => {
+        "builtin_interfaces/Time"
+    };
+    (Header) => {
+        "std_msgs/Header"
+    };
+    (Covariance) => {
+        "float64[36]"
+    };
+    (TransformStamped) => {
+        "geometry_msgs/TransformStamped"
+    };
+    (Vec $item:ident) => {
+        concat!(crate::log::messages::ros_type!($item), "[]")
+    };
+    ($geometry:ident) => {
+        concat!("geometry_msgs/", stringify!($geometry))
     };
 }
 
-/// The definitions of `std_msgs/Header` and what it holds, for the end of a definition.
-macro_rules! header_definition {
-    () => {
-        concat!(
-            separator!(),
-            "MSG: std_msgs/Header\n",
-            "builtin_interfaces/Time stamp\n",
-            "string frame_id\n",
-            time_definition!(),
-        )
-    };
-}
-
-/// The definition of `builtin_interfaces/Time`.
-macro_rules! time_definition {
-    () => {
-        concat!(separator!(), "MSG: builtin_interfaces/Time\n", "int32 sec\n", "uint32 nanosec\n",)
-    };
-}
-
-use {header_definition, separator, time_definition};
+use {messages, ros_type};

@@ -2,17 +2,172 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Message, header_definition, separator, time_definition};
+use super::messages;
 
 const NANOSECONDS: u64 = 1_000_000_000;
 
-/// `builtin_interfaces/msg/Time`: seconds and nanoseconds since the epoch of the log's clock.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Time {
-    /// Whole seconds.
-    pub sec: i32,
-    /// Nanoseconds of the second, below 10⁹.
-    pub nanosec: u32,
+/// A covariance of (x, y, z, rotations about x, y, z), row by row.
+///
+/// Six rows of six and not 36 numbers: serde has no arrays above 32, and CDR stores both alike.
+pub type Covariance = [[f64; 6]; 6];
+
+messages! {
+    /// `builtin_interfaces/msg/Time`: seconds and nanoseconds since the epoch of the log's clock.
+    builtin_interfaces / Time Time {
+        /// Whole seconds.
+        sec: i32,
+        /// Nanoseconds of the second, below 10⁹.
+        nanosec: u32,
+    };
+
+    /// `std_msgs/msg/Header`: when and in which coordinate frame.
+    std_msgs / Header Header {
+        /// When the data was taken.
+        stamp: Time,
+        /// Name of the coordinate frame.
+        frame_id: String,
+    };
+
+    /// `sensor_msgs/msg/Image`: pixels, row by row.
+    sensor_msgs / Image Image {
+        /// When and from which camera.
+        header: Header,
+        /// Rows.
+        height: u32,
+        /// Columns.
+        width: u32,
+        /// What a pixel is, for example `rgb8`.
+        encoding: String,
+        /// 1 if numbers of more than one byte have the high byte first.
+        is_bigendian: u8,
+        /// Bytes per row.
+        step: u32,
+        /// The pixels, `step` × `height` bytes.
+        #[serde(with = "super::octets")]
+        data: Vec<u8>,
+    } in Header Time;
+
+    /// `sensor_msgs/msg/LaserScan`: distances on a circle; here the sonar.
+    sensor_msgs / LaserScan LaserScan {
+        /// When and from which sensor.
+        header: Header,
+        /// Angle of the first ray, rad, counter-clockwise from straight ahead.
+        angle_min: f32,
+        /// Angle of the last ray, rad.
+        angle_max: f32,
+        /// Angle between rays, rad.
+        angle_increment: f32,
+        /// Time between rays, s.
+        time_increment: f32,
+        /// Time between scans, s.
+        scan_time: f32,
+        /// Smallest distance that can be measured, m.
+        range_min: f32,
+        /// Largest distance that can be measured, m.
+        range_max: f32,
+        /// Distances, m; infinite without an echo.
+        ranges: Vec<f32>,
+        /// Strengths of the echoes, or empty.
+        intensities: Vec<f32>,
+    } in Header Time;
+
+    /// `geometry_msgs/msg/Point`, m.
+    geometry_msgs / Point Point {
+        x: f64,
+        y: f64,
+        z: f64,
+    };
+
+    /// `geometry_msgs/msg/Quaternion`: a rotation; of length 1 to be valid.
+    geometry_msgs / Quaternion Quaternion {
+        x: f64,
+        y: f64,
+        z: f64,
+        w: f64,
+    };
+
+    /// `geometry_msgs/msg/Vector3`.
+    geometry_msgs / Vector3 Vector3 {
+        x: f64,
+        y: f64,
+        z: f64,
+    };
+
+    /// `geometry_msgs/msg/Pose`: where and which way.
+    geometry_msgs / Pose Pose {
+        /// Where, m.
+        position: Point,
+        /// Which way.
+        orientation: Quaternion,
+    };
+
+    /// `geometry_msgs/msg/Twist`: velocity.
+    geometry_msgs / Twist Twist {
+        /// m/s.
+        linear: Vector3,
+        /// rad/s.
+        angular: Vector3,
+    } in Vector3;
+
+    /// `geometry_msgs/msg/PoseWithCovariance`.
+    geometry_msgs / PoseWithCovariance PoseWithCovariance {
+        pose: Pose,
+        covariance: Covariance,
+    };
+
+    /// `geometry_msgs/msg/TwistWithCovariance`.
+    geometry_msgs / TwistWithCovariance TwistWithCovariance {
+        twist: Twist,
+        covariance: Covariance,
+    };
+
+    /// `nav_msgs/msg/Odometry`: pose and velocity by the robot's own estimate.
+    nav_msgs / Odometry Odometry {
+        /// When, and the frame of the pose.
+        header: Header,
+        /// The frame of the velocity.
+        child_frame_id: String,
+        /// Estimated pose.
+        pose: PoseWithCovariance,
+        /// Estimated velocity.
+        twist: TwistWithCovariance,
+    } in Header Time PoseWithCovariance Pose Point Quaternion TwistWithCovariance Twist Vector3;
+
+    /// `geometry_msgs/msg/PoseStamped`: a pose at a time.
+    geometry_msgs / PoseStamped PoseStamped {
+        header: Header,
+        pose: Pose,
+    } in Header Time Pose Point Quaternion;
+
+    /// `geometry_msgs/msg/TwistStamped`: a velocity, here the command, at a time.
+    geometry_msgs / TwistStamped TwistStamped {
+        header: Header,
+        twist: Twist,
+    } in Header Time Twist Vector3;
+
+    /// `rcl_interfaces/msg/Log`: a line of diagnostics.
+    rcl_interfaces / Log Log [
+        DEBUG: "byte" = 10,
+        INFO: "byte" = 20,
+        WARN: "byte" = 30,
+        ERROR: "byte" = 40,
+        FATAL: "byte" = 50,
+    ] {
+        /// When.
+        stamp: Time,
+        /// How serious: one of the constants.
+        level: u8,
+        /// Who says it.
+        name: String,
+        /// What is said.
+        msg: String,
+        /// Source file, or empty.
+        file: String,
+        /// Function, or empty.
+        function: String,
+        /// Line of the source file, or 0.
+        line: u32,
+    } in Time;
 }
 
 impl Time {
@@ -32,15 +187,6 @@ impl Time {
     }
 }
 
-/// `std_msgs/msg/Header`: when and in which coordinate frame.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Header {
-    /// When the data was taken.
-    pub stamp: Time,
-    /// Name of the coordinate frame.
-    pub frame_id: String,
-}
-
 impl Header {
     /// A header from nanoseconds (see [`Time::new`]) and the name of a coordinate frame.
     pub fn new(stamp_ns: u64, frame_id: &str) -> Self {
@@ -51,88 +197,6 @@ impl Header {
     pub fn stamp_ns(&self) -> u64 {
         self.stamp.stamp_ns()
     }
-}
-
-/// `sensor_msgs/msg/Image`: pixels, row by row.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Image {
-    /// When and from which camera.
-    pub header: Header,
-    /// Rows.
-    pub height: u32,
-    /// Columns.
-    pub width: u32,
-    /// What a pixel is, for example `rgb8`.
-    pub encoding: String,
-    /// 1 if numbers of more than one byte have the high byte first.
-    pub is_bigendian: u8,
-    /// Bytes per row.
-    pub step: u32,
-    /// The pixels, `step` × `height` bytes.
-    #[serde(with = "super::octets")]
-    pub data: Vec<u8>,
-}
-
-/// `sensor_msgs/msg/LaserScan`: distances on a circle; here the sonar.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct LaserScan {
-    /// When and from which sensor.
-    pub header: Header,
-    /// Angle of the first ray, rad, counter-clockwise from straight ahead.
-    pub angle_min: f32,
-    /// Angle of the last ray, rad.
-    pub angle_max: f32,
-    /// Angle between rays, rad.
-    pub angle_increment: f32,
-    /// Time between rays, s.
-    pub time_increment: f32,
-    /// Time between scans, s.
-    pub scan_time: f32,
-    /// Smallest distance that can be measured, m.
-    pub range_min: f32,
-    /// Largest distance that can be measured, m.
-    pub range_max: f32,
-    /// Distances, m; infinite without an echo.
-    pub ranges: Vec<f32>,
-    /// Strengths of the echoes, or empty.
-    pub intensities: Vec<f32>,
-}
-
-/// `geometry_msgs/msg/Point`, m.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[allow(missing_docs)]
-pub struct Point {
-    pub x: f64,
-    pub y: f64,
-    pub z: f64,
-}
-
-/// `geometry_msgs/msg/Quaternion`: a rotation; of length 1 to be valid.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[allow(missing_docs)]
-pub struct Quaternion {
-    pub x: f64,
-    pub y: f64,
-    pub z: f64,
-    pub w: f64,
-}
-
-/// `geometry_msgs/msg/Vector3`.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[allow(missing_docs)]
-pub struct Vector3 {
-    pub x: f64,
-    pub y: f64,
-    pub z: f64,
-}
-
-/// `geometry_msgs/msg/Pose`: where and which way.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Pose {
-    /// Where, m.
-    pub position: Point,
-    /// Which way.
-    pub orientation: Quaternion,
 }
 
 impl Pose {
@@ -149,187 +213,6 @@ impl Pose {
         let q = &self.orientation;
         (2.0 * (q.w * q.z + q.x * q.y)).atan2(1.0 - 2.0 * (q.y * q.y + q.z * q.z))
     }
-}
-
-/// `geometry_msgs/msg/Twist`: velocity.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Twist {
-    /// m/s.
-    pub linear: Vector3,
-    /// rad/s.
-    pub angular: Vector3,
-}
-
-/// A covariance of (x, y, z, rotations about x, y, z), row by row.
-///
-/// Six rows of six and not 36 numbers: serde has no arrays above 32, and CDR stores both alike.
-pub type Covariance = [[f64; 6]; 6];
-
-/// `geometry_msgs/msg/PoseWithCovariance`.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[allow(missing_docs)]
-pub struct PoseWithCovariance {
-    pub pose: Pose,
-    pub covariance: Covariance,
-}
-
-/// `geometry_msgs/msg/TwistWithCovariance`.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[allow(missing_docs)]
-pub struct TwistWithCovariance {
-    pub twist: Twist,
-    pub covariance: Covariance,
-}
-
-/// `nav_msgs/msg/Odometry`: pose and velocity by the robot's own estimate.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Odometry {
-    /// When, and the frame of the pose.
-    pub header: Header,
-    /// The frame of the velocity.
-    pub child_frame_id: String,
-    /// Estimated pose.
-    pub pose: PoseWithCovariance,
-    /// Estimated velocity.
-    pub twist: TwistWithCovariance,
-}
-
-/// `geometry_msgs/msg/PoseStamped`: a pose at a time.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[allow(missing_docs)]
-pub struct PoseStamped {
-    pub header: Header,
-    pub pose: Pose,
-}
-
-/// `geometry_msgs/msg/TwistStamped`: a velocity, here the command, at a time.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[allow(missing_docs)]
-pub struct TwistStamped {
-    pub header: Header,
-    pub twist: Twist,
-}
-
-/// `rcl_interfaces/msg/Log`: a line of diagnostics.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Log {
-    /// When.
-    pub stamp: Time,
-    /// How serious: one of the constants.
-    pub level: u8,
-    /// Who says it.
-    pub name: String,
-    /// What is said.
-    pub msg: String,
-    /// Source file, or empty.
-    pub file: String,
-    /// Function, or empty.
-    pub function: String,
-    /// Line of the source file, or 0.
-    pub line: u32,
-}
-
-#[allow(missing_docs)]
-impl Log {
-    pub const DEBUG: u8 = 10;
-    pub const INFO: u8 = 20;
-    pub const WARN: u8 = 30;
-    pub const ERROR: u8 = 40;
-    pub const FATAL: u8 = 50;
-}
-
-macro_rules! pose_definition {
-    () => {
-        concat!(
-            separator!(),
-            "MSG: geometry_msgs/Pose\n",
-            "geometry_msgs/Point position\n",
-            "geometry_msgs/Quaternion orientation\n",
-            separator!(),
-            "MSG: geometry_msgs/Point\n",
-            "float64 x\nfloat64 y\nfloat64 z\n",
-            separator!(),
-            "MSG: geometry_msgs/Quaternion\n",
-            "float64 x\nfloat64 y\nfloat64 z\nfloat64 w\n",
-        )
-    };
-}
-
-macro_rules! twist_definition {
-    () => {
-        concat!(
-            separator!(),
-            "MSG: geometry_msgs/Twist\n",
-            "geometry_msgs/Vector3 linear\n",
-            "geometry_msgs/Vector3 angular\n",
-            separator!(),
-            "MSG: geometry_msgs/Vector3\n",
-            "float64 x\nfloat64 y\nfloat64 z\n",
-        )
-    };
-}
-
-impl Message for Image {
-    const TYPE: &'static str = "sensor_msgs/msg/Image";
-    const DEFINITION: &'static str = concat!(
-        "std_msgs/Header header\n",
-        "uint32 height\nuint32 width\n",
-        "string encoding\nuint8 is_bigendian\n",
-        "uint32 step\nuint8[] data\n",
-        header_definition!(),
-    );
-}
-
-impl Message for LaserScan {
-    const TYPE: &'static str = "sensor_msgs/msg/LaserScan";
-    const DEFINITION: &'static str = concat!(
-        "std_msgs/Header header\n",
-        "float32 angle_min\nfloat32 angle_max\nfloat32 angle_increment\n",
-        "float32 time_increment\nfloat32 scan_time\n",
-        "float32 range_min\nfloat32 range_max\n",
-        "float32[] ranges\nfloat32[] intensities\n",
-        header_definition!(),
-    );
-}
-
-impl Message for Odometry {
-    const TYPE: &'static str = "nav_msgs/msg/Odometry";
-    const DEFINITION: &'static str = concat!(
-        "std_msgs/Header header\nstring child_frame_id\n",
-        "geometry_msgs/PoseWithCovariance pose\n",
-        "geometry_msgs/TwistWithCovariance twist\n",
-        header_definition!(),
-        separator!(),
-        "MSG: geometry_msgs/PoseWithCovariance\n",
-        "geometry_msgs/Pose pose\nfloat64[36] covariance\n",
-        pose_definition!(),
-        separator!(),
-        "MSG: geometry_msgs/TwistWithCovariance\n",
-        "geometry_msgs/Twist twist\nfloat64[36] covariance\n",
-        twist_definition!(),
-    );
-}
-
-impl Message for PoseStamped {
-    const TYPE: &'static str = "geometry_msgs/msg/PoseStamped";
-    const DEFINITION: &'static str =
-        concat!("std_msgs/Header header\ngeometry_msgs/Pose pose\n", header_definition!(), pose_definition!(),);
-}
-
-impl Message for TwistStamped {
-    const TYPE: &'static str = "geometry_msgs/msg/TwistStamped";
-    const DEFINITION: &'static str =
-        concat!("std_msgs/Header header\ngeometry_msgs/Twist twist\n", header_definition!(), twist_definition!(),);
-}
-
-impl Message for Log {
-    const TYPE: &'static str = "rcl_interfaces/msg/Log";
-    const DEFINITION: &'static str = concat!(
-        "byte DEBUG=10\nbyte INFO=20\nbyte WARN=30\nbyte ERROR=40\nbyte FATAL=50\n",
-        "builtin_interfaces/Time stamp\n",
-        "uint8 level\nstring name\nstring msg\nstring file\nstring function\nuint32 line\n",
-        time_definition!(),
-    );
 }
 
 #[cfg(test)]

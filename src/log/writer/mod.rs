@@ -361,7 +361,7 @@ fn add_channels<W: Write>(writer: &mut mcap::Writer<NoSeek<W>>) -> Result<BTreeM
     topics::ALL
         .iter()
         .map(|topic| {
-            let schema = writer.add_schema(topic.message, "ros2msg", topic.definition.as_bytes())?;
+            let schema = writer.add_schema(topic.message, "ros2msg", topic.definition.concat().as_bytes())?;
             let channel = writer.add_channel(schema, topic.name, "cdr", &metadata)?;
             Ok((topic.name, channel))
         })

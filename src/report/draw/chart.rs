@@ -131,8 +131,6 @@ pub enum Mark {
     Points,
     /// A dashed line.
     Dashed,
-    /// Dots alone.
-    Dots,
 }
 
 /// A line of a chart.
@@ -254,9 +252,8 @@ impl Chart {
                     Mark::Dashed => {
                         chart.draw_series(DashedLineSeries::new(part.clone(), 6, 4, colour.stroke_width(2)))?;
                     }
-                    Mark::Dots => {}
                 }
-                if matches!(line.mark, Mark::Points | Mark::Dots) {
+                if line.mark == Mark::Points {
                     chart.draw_series(part.map(|point| Circle::new(point, 3, colour.filled())))?;
                 }
             }
