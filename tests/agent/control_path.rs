@@ -88,7 +88,7 @@ fn local_values_are_those_of_the_features() {
     let known = learned.q_values_of(phi.as_ref());
     for (j, seen) in seen.iter().enumerate() {
         for (task, known) in known.iter().enumerate() {
-            for (a, found) in learned.q_values(seen, task).into_iter().enumerate() {
+            for (a, found) in learned.q_values(seen, task).iter().enumerate() {
                 // Points are rounded to 32 bits.
                 assert!((found - known[(a, j)]).abs() < 1e-3, "{found} against {}", known[(a, j)]);
             }

@@ -34,8 +34,8 @@ struct Walked {
 fn walk(scenario: &Scenario, world: &World, seed: u64) -> Walked {
     let start = Pose::new(Point2::from(scenario.robot.start), 0.0);
     let mut robot = Robot::new(&scenario.robot, start, stream(seed, "motion"));
-    let mut walk = Walk::new(&scenario, stream(seed, "explore"));
-    let reflexes = Reflexes::new(&scenario);
+    let mut walk = Walk::new(scenario, stream(seed, "explore"));
+    let reflexes = Reflexes::new(scenario);
     let mut walked = Walked { poses: vec![robot.pose], actions: vec![], allowed: vec![] };
     let mut recent = Recent::default();
     for _ in 0..TRANSITIONS {
