@@ -482,10 +482,10 @@ mod tests {
     }
 
     #[test]
-    fn an_action_that_was_never_tried_is_worth_nothing() {
+    fn of_an_action_that_was_never_tried_nothing_is_known() {
         let points = Mat::from_fn(1, 2, |_, j| j as f32);
         let instances = Instances::new(points.clone(), vec![2, 0], OPTIONS).unwrap();
         let q = instances.action_values(&[&[1.0, 1.0]], points.as_ref()).unwrap();
-        assert_eq!((q[0][(0, 0)], q[0][(1, 0)]), (1.0, 0.0));
+        assert_eq!((q[0][(0, 0)], q[0][(1, 0)]), (1.0, f64::NEG_INFINITY));
     }
 }
