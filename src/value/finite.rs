@@ -185,7 +185,11 @@ impl FiniteMdp {
         for _ in 0..steps {
             let of = |to: &Successor| to.probability * if to.reward > 0.0 { 1.0 } else { arrival[to.state] };
             let after = |s: usize| driven.successors(s, 0).iter().map(of).sum();
-            arrival = (0..self.states).map(|s| if self.is_terminal(s) { 1.0 } else { after(s) }).collect();
+            let next: Vec<f64> = (0..self.states).map(|s| if self.is_terminal(s) { 1.0 } else { after(s) }).collect();
+            if next == arrival {
+                break;
+            }
+            arrival = next;
         }
         Ok(arrival)
     }

@@ -108,8 +108,8 @@ fn local_values_that_cannot_be_acted_on_are_refused() {
     assert_eq!(error, PolicyError::Coordinates { found: 4, features: 3 });
     let error = make(instances(3, 5), Mat::zeros(14, 1));
     assert_eq!(error, PolicyError::Worth { task: 0, found: 14, expected: 15 });
-    let two = Instances::new(Mat::zeros(3, 4), vec![2, 2], LocalOptions { neighbours: 1, ridge: 1.0 }).unwrap();
-    assert_eq!(make(Arc::new(two), Mat::zeros(4, 1)), PolicyError::Instances { actions: 2 });
+    let many = Instances::new(Mat::zeros(3, 33), vec![1; 33], LocalOptions { neighbours: 1, ridge: 1.0 }).unwrap();
+    assert_eq!(make(Arc::new(many), Mat::zeros(33, 1)), PolicyError::Instances { actions: 33 });
 }
 
 /// The size of an observation is what the vector instructions divide: every remainder.

@@ -10,7 +10,7 @@ pub(super) const HEAD: usize = 1 + 8;
 
 /// Checks that the parts of a record fit into it. The error says what does not.
 pub(super) fn check(kind: u8, body: &[u8]) -> Result<(), String> {
-    let mut parts = Snapshot(body);
+    let mut parts = Rest(body);
     let fit = match kind {
         op::HEADER => parts.text().and_then(|()| parts.text()),
         op::SCHEMA => parts.schema(),
@@ -28,9 +28,9 @@ pub(super) fn check(kind: u8, body: &[u8]) -> Result<(), String> {
 }
 
 /// What is left of a record; each step is `None` if it would go beyond the end.
-struct Snapshot<'a>(&'a [u8]);
+struct Rest<'a>(&'a [u8]);
 
-impl Snapshot<'_> {
+impl Rest<'_> {
     fn skip(&mut self, bytes: usize) -> Option<()> {
         self.0 = self.0.get(bytes..)?;
         Some(())
@@ -51,7 +51,7 @@ impl Snapshot<'_> {
     /// A length of four bytes, then pairs of texts that fill it exactly.
     fn map(&mut self) -> Option<()> {
         let length = self.length()?;
-        let mut pairs = Snapshot(self.0.get(..length)?);
+        let mut pairs = Rest(self.0.get(..length)?);
         while !pairs.0.is_empty() {
             pairs.text()?;
             pairs.text()?;
