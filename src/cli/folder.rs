@@ -28,14 +28,14 @@ pub fn create(out: Option<&Path>, scenario: &Scenario) -> Result<PathBuf, Ending
 
 /// Make a folder that must not be there yet, in folders that may have to be made, too.
 pub fn named(out: &Path, make: impl Fn(&Path) -> io::Result<()>) -> Result<PathBuf, Ending> {
-    out.parent().map_or(Ok(()), std::fs::create_dir_all).and_then(|()| make(out)).map_err(|cause| {
-        match cause.kind() {
-            ErrorKind::AlreadyExists => Ending::Usage(format!(
-                "{} exists already, and nothing is ever overwritten: name another folder with --out",
-                out.display()
-            )),
-            _ => cannot_create(out, &cause),
-        }
+    // A file in the place of a parent "exists already", too.
+    out.parent().map_or(Ok(()), std::fs::create_dir_all).map_err(|cause| cannot_create(out, &cause))?;
+    make(out).map_err(|cause| match cause.kind() {
+        ErrorKind::AlreadyExists => Ending::Usage(format!(
+            "{} exists already, and nothing is ever overwritten: name another folder with --out",
+            out.display()
+        )),
+        _ => cannot_create(out, &cause),
     })?;
     Ok(out.to_owned())
 }
