@@ -14,7 +14,7 @@ use super::{Fit, Lspi, LspiOptions, Outcomes, Samples, ValueError, lstd};
 /// let mut batch = Batch::new(1, 2)?;
 /// batch.push(&[1.0], 0, 0.0, Some(&[1.0]), 1.0)?;
 /// batch.push(&[1.0], 1, 1.0, Some(&[1.0]), 1.0)?;
-/// let fit = batch.fit(&LspiOptions { gamma: 0.9, ..LspiOptions::default() })?;
+/// let fit = batch.fit(&LspiOptions { gamma: 0.9, ..LspiOptions::plain() })?;
 /// assert!((fit.weights[(0, 1)] - 10.0).abs() < 1e-9); // 1/(1 − γ)
 /// assert!((fit.weights[(0, 0)] - 9.0).abs() < 1e-9); // γ/(1 − γ)
 /// # Ok::<(), adagio::value::ValueError>(())
