@@ -8,6 +8,25 @@
 //!
 //! The weights depend on neither rewards nor policy: they are found once, and tasks share them.
 //!
+//! # How to use it
+//! [`LocalBatch`] takes transitions one by one and gives [`LocalValues`], with a greedy policy for any point; the example
+//! `local_values` finds a way through a room with it. Who has matrices, several tasks, or rules of what may follow uses
+//! [`Instances`] (where actions were tried), [`Local`] (what the ends of transitions are near to) and [`Local::fit`] (one task).
+//!
+//! - All depends on distances: the coordinates of a point should be in units in which states that are near are alike. Where a thin
+//!   wall separates two places, coordinates of the plane call them near; slow features do not.
+//! - Where points lie and how they are scaled does not matter, but for what `f32` itself can hold ([`LocalBatch`] takes `f64`).
+//! - Of an action that was never tried nothing is known: its value is −∞, and no greedy policy takes it. To try it is up to
+//!   exploration.
+//! - [`Fit::converged`] says that values settled, not that the policy is good: see [`Local::arrival`].
+//!
+//! # Numerics
+//! Points are `f32`, all else is `f64`. Neighbours are searched by products in single precision, and again in double precision
+//! where its rounding could matter: that takes about ten times as long. All runs on the threads of the process, if there is
+//! the feature `rayon`, and has the same bits on any number of them: each point is computed alone. Only with many hundred
+//! neighbours does the Cholesky factor of a regression follow faer's global setting
+//! ([`fix_parallelism`](crate::random::fix_parallelism)).
+//!
 //! # Reference
 //! Ormoneit & Sen 2002 (kernel-based reinforcement learning: the same with averages in place of regressions); Ernst, Geurts &
 //! Wehenkel 2005 (fitted Q iteration); Atkeson, Moore & Schaal 1997 (locally weighted regression).
@@ -20,6 +39,8 @@ use faer::{Accum, Mat, MatRef, Par, Side};
 
 use super::error::{discount, finite_list, finite_matrix, parameter};
 use super::{Fit, ValueError};
+#[cfg(doc)]
+use super::{LocalBatch, LocalValues};
 use crate::kernel::products::map_all;
 
 /// States whose neighbours are searched in one product.
@@ -31,6 +52,9 @@ const LEAST_WEIGHT: f64 = 1e-3;
 const UNMOVED_OFFSET: f64 = 100.0;
 /// Mean squared distances from the mean whose points are searched in their own units: squares of products stay in range.
 const UNMOVED_SQUARES: std::ops::Range<f64> = 1e-12..1e12;
+/// Neighbours found in single precision are trusted where its rounding is at most this share of the squared distance of the last
+/// one; elsewhere they are searched again in double precision.
+const TRUSTED: f64 = 1.0 / 16.0;
 /// Values have settled when none changes by more than this share of the largest.
 const SETTLED: f64 = 1e-6;
 /// Sweeps until values must have settled, times `1 − γ`: what is left of the first ones then is e⁻²⁰.
@@ -44,6 +68,13 @@ pub struct LocalOptions {
     /// Ridge on the slopes of the regression, in mean squared distances of the neighbours, > 0. Large values leave a weighted
     /// mean.
     pub ridge: f64,
+}
+
+/// 16 neighbours and a ridge of 0.3, as the agent has them.
+impl Default for LocalOptions {
+    fn default() -> Self {
+        LocalOptions { neighbours: 16, ridge: 0.3 }
+    }
 }
 
 impl LocalOptions {
@@ -219,25 +250,27 @@ impl Instances {
         // One more than needed: the distance of that one is where weights end.
         let kept = self.options.neighbours.saturating_add(1).min(places.len());
         let norms = &self.norms[places.clone()];
+        let longest = f64::from(norms.iter().copied().fold(0.0, f32::max));
+        let scale = self.moved.as_ref().map_or(1.0, |(by, _)| by.scale);
         let near = |j: usize| {
-            // Nearest first; of equal ones the first ones stay. Few of all come in, so that this takes less than the products.
-            let mut nearest: Vec<(f32, u32)> = Vec::with_capacity(kept + 1);
-            let mut farthest = f32::INFINITY;
-            for (i, (&norm, &product)) in norms.iter().zip(products.col(j).iter()).enumerate() {
-                // Up to the norm of the point itself, which is the same for all.
-                let distance = norm - 2.0 * product;
-                if distance < farthest || nearest.len() < kept {
-                    let place = nearest.partition_point(|&(nearer, _)| nearer <= distance);
-                    nearest.insert(place, (distance, (places.start + i) as u32));
-                    nearest.truncate(kept);
-                    if nearest.len() == kept {
-                        farthest = nearest[kept - 1].0;
-                    }
-                }
+            // Up to the norm of the point itself, which is the same for all.
+            let distances = norms.iter().zip(products.col(j).iter()).map(|(&norm, &product)| norm - 2.0 * product);
+            let mut nearest = least(distances, kept);
+            let squared = |i: usize| self.squared(places.start + i, points, j);
+            let reach = nearest.iter().map(|&i| squared(i)).fold(0.0, f64::max) * scale * scale;
+            let at = at.col(j).iter().map(|&x| f64::from(x).powi(2)).sum::<f64>();
+            if kept < places.len() && rounding(points.nrows(), longest, at) > TRUSTED * reach {
+                nearest = least((0..places.len()).map(squared), kept);
             }
-            self.regress(nearest.into_iter().map(|(_, place)| place).collect(), points, j)
+            self.regress(nearest.into_iter().map(|i| (places.start + i) as u32).collect(), points, j)
         };
         (0..points.ncols()).map(near).collect()
+    }
+
+    /// Squared distance of a transition's point to one of `points`.
+    fn squared(&self, place: usize, points: MatRef<'_, f32>, j: usize) -> f64 {
+        let pairs = self.points.col(place).iter().zip(points.col(j).iter());
+        pairs.map(|(&a, &b)| (f64::from(a) - f64::from(b)).powi(2)).sum()
     }
 
     /// Weights of the nearest transitions in the value at a point: those of a linear regression with ridge on its slopes.
@@ -246,8 +279,8 @@ impl Instances {
     /// `Σ u_i (q_i − c − bᵀD_i)² + ρ‖b‖²` is `c = 1ᵀG⁻¹q / 1ᵀG⁻¹1` with `G = DᵀD/ρ + diag(u)⁻¹`.
     fn regress(&self, nearest: Vec<u32>, points: MatRef<'_, f32>, j: usize) -> Neighbours {
         let difference = |i: usize, place: u32| f64::from(self.points[(i, place as usize)]) - f64::from(points[(i, j)]);
-        let squared = |place: u32| (0..points.nrows()).map(|i| difference(i, place).powi(2)).sum::<f64>();
-        let mut near: Vec<(f64, u32)> = nearest.into_iter().map(|place| (squared(place), place)).collect();
+        let squared = |place: u32| (self.squared(place as usize, points, j), place);
+        let mut near: Vec<(f64, u32)> = nearest.into_iter().map(squared).collect();
         near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         let farthest = near.last().map_or(0.0, |&(distance, _)| distance);
         let reach = if near.len() > self.options.neighbours { farthest } else { 2.0 * farthest };
@@ -276,6 +309,32 @@ impl Instances {
         };
         let sum: f64 = (0..k).map(|c| weights[(c, 0)]).sum();
         (0..k).map(|c| (near[c].1, weights[(c, 0)] / sum)).collect()
+    }
+}
+
+/// The places of the `kept` least numbers, the least first; of equal ones the first ones.
+fn least<T: PartialOrd + Copy>(numbers: impl Iterator<Item = T>, kept: usize) -> Vec<usize> {
+    let mut least: Vec<(T, usize)> = Vec::with_capacity(kept + 1);
+    for (i, number) in numbers.enumerate() {
+        // Few of all come in, so that this takes less than the products.
+        if least.len() < kept || number < least[kept - 1].0 {
+            let place = least.partition_point(|&(less, _)| less <= number);
+            least.insert(place, (number, i));
+            least.truncate(kept);
+        }
+    }
+    least.into_iter().map(|(_, i)| i).collect()
+}
+
+/// By how much `‖x‖² − 2xᵀy` in single precision may miss, for `p` coordinates and squared norms up to these; infinite where it
+/// may overflow.
+fn rounding(p: usize, x: f64, y: f64) -> f64 {
+    let size = x + 2.0 * (x * y).sqrt();
+    let underflow = p as f64 * f64::from(f32::MIN_POSITIVE);
+    if size < f64::from(f32::MAX) {
+        (p + 4) as f64 * 0.5 * f64::from(f32::EPSILON) * size + underflow
+    } else {
+        f64::INFINITY
     }
 }
 
@@ -342,42 +401,20 @@ impl<'a> Local<'a> {
     /// Lists of other lengths than there are transitions, one after which nothing may follow, more than 32 actions, rewards that
     /// are not finite, γ outside [0, 1).
     pub fn fit(&self, outcomes: &LocalOutcomes<'_>, gamma: f64) -> Result<Fit, ValueError> {
-        let (n, actions) = (self.instances.len(), self.instances.counts.len());
         discount(gamma)?;
-        if actions > u32::BITS as usize {
-            return Err(ValueError::AllowedBits(actions));
-        }
-        let lengths =
-            [("rewards", outcomes.rewards.len()), ("allowed", outcomes.allowed.len()), ("ended", outcomes.ended.len())];
-        for (what, found) in lengths {
-            if found != n {
-                return Err(ValueError::Length { what, found, expected: n });
-            }
-        }
-        finite_list("rewards", outcomes.rewards)?;
-        let may = |i: usize, b: usize| outcomes.allowed[i] & (1 << b) != 0;
-        let tried = |b: &usize| self.instances.counts[*b] > 0;
-        if let Some(index) = (0..n).find(|&i| (0..actions).all(|b| !may(i, b))) {
-            return Err(ValueError::NothingAllowed { index, actions });
-        }
+        self.check(outcomes)?;
+        let (n, actions) = (self.instances.len(), self.instances.counts.len());
         let (least, most) = outcomes.rewards.iter().fold((0.0f64, 0.0f64), |(l, m), &r| (l.min(r), m.max(r)));
         let (least, most) = (least / (1.0 - gamma), most / (1.0 - gamma));
         let mut worth = vec![0.0; n];
-        let mut fit = Fit { weights: Mat::new(), iterations: 0, converged: false, cycle: None, untried: Vec::new() };
+        let untried = (0..actions).filter(|&a| self.instances.counts[a] == 0).collect();
+        let mut fit = Fit { weights: Mat::new(), iterations: 0, converged: false, cycle: None, untried };
         for sweep in 1..=(SWEEPS / (1.0 - gamma)).ceil() as usize {
             let of = |i: usize| {
                 if outcomes.ended[i] {
                     return outcomes.rewards[i];
                 }
-                let best = |may: &dyn Fn(usize) -> bool| {
-                    let values = (0..actions).filter(tried).filter(|&b| may(b));
-                    values.map(|b| estimate(&self.after[i][b], &worth)).fold(f64::NEG_INFINITY, f64::max)
-                };
-                let mut next = best(&|b| may(i, b));
-                if next == f64::NEG_INFINITY {
-                    // Of what may follow nothing was tried: the best of what was tried at all.
-                    next = best(&|_| true);
-                }
+                let (_, next) = self.best_after(outcomes, i, &worth);
                 (outcomes.rewards[i] + gamma * next).clamp(least, most)
             };
             let new: Vec<f64> = map_all(n, of);
@@ -392,6 +429,74 @@ impl<'a> Local<'a> {
         }
         fit.weights = Mat::from_fn(n, 1, |i, _| worth[i]);
         Ok(fit)
+    }
+
+    /// The share of transitions after which the greedy policy arrives: it gets a reward above 0, or ends the episode. The others run
+    /// in circles. [`Fit::converged`] does not tell one from the other.
+    ///
+    /// From the end of a transition it goes on with the nearest one of the greedy action, then from the end of that one, and so
+    /// on. Where the world is random that is one of the ways it may take. Transitions that ended their episode do not count.
+    ///
+    /// # Errors
+    /// Outcomes that [`Local::fit`] refuses, a fit of other transitions.
+    pub fn arrival(&self, outcomes: &LocalOutcomes<'_>, fit: &Fit) -> Result<f64, ValueError> {
+        self.check(outcomes)?;
+        let n = self.instances.len();
+        if fit.weights.nrows() != n || fit.weights.ncols() != 1 {
+            let found = fit.weights.nrows() * fit.weights.ncols();
+            return Err(ValueError::Length { what: "the weights of the fit", found, expected: n });
+        }
+        let worth: Vec<f64> = fit.weights.col(0).iter().copied().collect();
+        // An action that was tried has a nearest transition.
+        let next =
+            |i: usize| self.after[i][self.best_after(outcomes, i, &worth).0].first().map_or(i, |near| near.0 as usize);
+        let next: Vec<usize> = map_all(n, next);
+        let there = |i: usize| outcomes.ended[i] || outcomes.rewards[i] > 0.0;
+        let mut arrives: Vec<Option<bool>> = (0..n).map(|i| there(i).then_some(true)).collect();
+        for start in 0..n {
+            let (mut path, mut at) = (Vec::new(), start);
+            while arrives[at].is_none() {
+                // Who comes here again runs in a circle.
+                arrives[at] = Some(false);
+                path.push(at);
+                at = next[at];
+            }
+            path.into_iter().for_each(|i| arrives[i] = arrives[at]);
+        }
+        let going_on: Vec<usize> = (0..n).filter(|&i| !outcomes.ended[i]).collect();
+        let arriving = going_on.iter().filter(|&&i| arrives[next[i]] == Some(true)).count();
+        Ok(if going_on.is_empty() { 1.0 } else { arriving as f64 / going_on.len() as f64 })
+    }
+
+    /// The best action that may follow a transition, and its value; of actions that were tried, and of all of these where none that
+    /// may follow was.
+    fn best_after(&self, outcomes: &LocalOutcomes<'_>, i: usize, worth: &[f64]) -> (usize, f64) {
+        let best = |may: &dyn Fn(usize) -> bool| {
+            let tried = (0..self.instances.counts.len()).filter(|&b| self.instances.counts[b] > 0 && may(b));
+            let values = tried.map(|b| (b, estimate(&self.after[i][b], worth)));
+            values.fold((0, f64::NEG_INFINITY), |best, of| if of.1 > best.1 { of } else { best })
+        };
+        let found = best(&|b| outcomes.allowed[i] & (1 << b) != 0);
+        if found.1 == f64::NEG_INFINITY { best(&|_| true) } else { found }
+    }
+
+    fn check(&self, outcomes: &LocalOutcomes<'_>) -> Result<(), ValueError> {
+        let (n, actions) = (self.instances.len(), self.instances.counts.len());
+        if actions > u32::BITS as usize {
+            return Err(ValueError::AllowedBits(actions));
+        }
+        let lengths =
+            [("rewards", outcomes.rewards.len()), ("allowed", outcomes.allowed.len()), ("ended", outcomes.ended.len())];
+        for (what, found) in lengths {
+            if found != n {
+                return Err(ValueError::Length { what, found, expected: n });
+            }
+        }
+        finite_list("rewards", outcomes.rewards)?;
+        match (0..n).find(|&i| (0..actions).all(|b| outcomes.allowed[i] & (1 << b) == 0)) {
+            Some(index) => Err(ValueError::NothingAllowed { index, actions }),
+            None => Ok(()),
+        }
     }
 }
 

@@ -18,11 +18,12 @@
 //! | question | answer |
 //! |---|---|
 //! | how to describe a state by numbers? | [`Tabular`], [`Trigonometric`], [`worlds::bases`], or slow features ([`crate::slow`]) |
-//! | how to collect transitions? | [`Batch`], one by one; [`Samples`] and [`Outcomes`] for matrices that exist already |
+//! | how to collect transitions? | [`Batch`], or [`LocalBatch`] for local values, one by one; [`Samples`] and [`Outcomes`] for matrices that exist already |
 //! | what are states worth under the policy that was followed? | [`lstd`]; over trajectories [`LstdLambda`] |
 //! | what are actions worth under a given policy (LSQ)? | [`Lspi::evaluate`] |
 //! | which policy is best, where values are linear in the features? | [`Lspi::fit`], or [`Batch::fit`] |
-//! | which policy is best, where features only say what is near? | [`Local::fit`] over [`Instances`] |
+//! | which policy is best, where features only say what is near? | [`LocalBatch::fit`], see [`local`]; [`Local::fit`] over [`Instances`] for matrices and several tasks |
+//! | does the policy arrive? | [`FiniteMdp::arrival`], [`Local::arrival`]: [`Fit::converged`] does not say it |
 //! | what if it does not settle? | [`LspiOptions::mixing`], with a table of what helps at [`Lspi::fit`]; weights by [`balance`] |
 //! | what does learning on one's own path do? | [`Sarsa`], a counter-example |
 //! | what can be learned with no memory of the past at all? | [`StreamQ`], to compare with |
@@ -32,6 +33,14 @@
 //!
 //! A [`Policy`] here is a table over numbered states; a [`Fit`] of linear values is greedy wherever there are features, one of
 //! local values wherever [`Instances`] are.
+//!
+//! # Numerics
+//! All in `f64`, but for the points of local values ([`local`]). Products of [`Lspi`] have the same bits for any [`faer::Par`],
+//! and local values, soft actions ([`maximiser_probabilities`]) and everything that is told sample by sample ([`Sarsa`], [`StreamQ`],
+//! [`LstdLambda`], [`Smoothing`]) for any number of threads. LU and singular values, with which [`lstd`], [`LstdLambda`], [`Lspi`] and
+//! [`solve_or_pseudo_inverse`] solve their equations, the products of [`lstd`], [`Fit::action_values`] and [`exact`], and the
+//! eigenvalues for soft actions follow faer's global setting, and may differ in their last bits with it: who compares bits calls
+//! [`crate::random::fix_parallelism`] first.
 //!
 //! # Reference
 //! Thesis chapter 3; Bradtke & Barto 1996 (LSTD); Boyan 1999 (LSTD(λ)); Lagoudakis & Parr 2003 (LSPI);
@@ -62,7 +71,8 @@ mod cross;
 mod error;
 pub mod exact;
 mod finite;
-mod local;
+pub mod local;
+mod local_batch;
 mod lspi;
 mod lstd;
 mod norm;
@@ -80,7 +90,9 @@ pub use batch::Batch;
 pub use blocks::{Outcomes, Samples};
 pub use error::ValueError;
 pub use finite::{FiniteMdp, Step, Successor};
+#[doc(inline)]
 pub use local::{Instances, Local, LocalOptions, LocalOutcomes};
+pub use local_batch::{LocalBatch, LocalValues};
 pub use lspi::{Fit, Lspi, Options as LspiOptions, Start};
 pub use lstd::{lstd, solve_or_pseudo_inverse};
 pub use norm::closeness_weights;

@@ -2,8 +2,8 @@
 
 use adagio::random::stream;
 use adagio::value::{
-    FiniteMdp, Fit, Instances, Local, LocalOptions, LocalOutcomes, Lspi, LspiOptions, Outcomes, Policy, Samples,
-    Successor, greedy,
+    FiniteMdp, Fit, Instances, Local, LocalBatch, LocalOptions, LocalOutcomes, Lspi, LspiOptions, Outcomes, Policy,
+    Samples, Successor, ValueError, greedy,
 };
 use faer::{Mat, Par};
 use rand::RngExt;
@@ -77,6 +77,33 @@ fn local_values_do_not_depend_on_where_points_lie_nor_on_their_scale() {
         for (offset, scale) in [(1e3, 1.0), (-1e4, 1.0), (0.0, 1e30), (0.0, 1e-30), (1e3, 1e-30), (-1e3, 1e30)] {
             let success = square.success(offset, scale, 8);
             assert!(success >= 0.99, "seed {seed}, moved by {offset}, times {scale}: {success}");
+        }
+    }
+}
+
+/// Two such squares, far from each other compared with their size: the mean of all points is near neither.
+#[test]
+fn local_values_know_two_worlds_that_are_far_from_each_other() {
+    for seed in 1..4 {
+        let square = Square::new(seed);
+        let n = square.rewards.len();
+        let far = [-3e4, 2e4];
+        // By action, and by world for each action.
+        let world = |t: usize| t % 2;
+        let seen = |points: &Mat<f64>| Mat::from_fn(2, 2 * n, |i, t| (points[(i, t / 2)] + far[world(t)]) as f32);
+        let options = LocalOptions { neighbours: 8, ridge: 0.1 };
+        let counts = square.counts.iter().map(|count| 2 * count).collect();
+        let instances = Instances::new(seen(&square.from), counts, options).unwrap();
+        let worth: Vec<f64> = (0..2 * n).map(|t| square.from[(0, t / 2)] + square.from[(1, t / 2)]).collect();
+        for (x, y) in [(0.3, 0.7), (0.5, 0.5), (0.9, 0.2)] {
+            for far in far {
+                let point = Mat::from_fn(2, 1, |i, _| ([x, y][i] + far) as f32);
+                let q = &instances.action_values(&[&worth], point.as_ref()).unwrap()[0];
+                for a in 0..4 {
+                    // f32 holds 0.002 of a place there.
+                    assert!((q[(a, 0)] - (x + y)).abs() < 0.03, "({x}, {y}) at {far}: {}", q[(a, 0)]);
+                }
+            }
         }
     }
 }
@@ -174,4 +201,92 @@ fn an_action_that_was_never_tried_is_not_worth_more_than_bad_ones() {
         let q = &instances.action_values(&[&worth], points(&place).as_ref()).unwrap()[0];
         assert!((0..n).all(|t| q[(2, t)] == f64::NEG_INFINITY && q[(0, t)].is_finite()));
     }
+}
+
+/// Local values of the square from a batch, points at `offset + scale · place`.
+fn batch_of(square: &Square, offset: f64, scale: f64) -> LocalBatch {
+    let mut batch = LocalBatch::new(2, 4).unwrap();
+    let n = square.rewards.len();
+    // Not sorted by action.
+    for t in (0..n).map(|t| t * 7 % n) {
+        let point = |points: &Mat<f64>| [0, 1].map(|i| (offset + points[(i, t)]) * scale);
+        let (from, to) = (point(&square.from), point(&square.to));
+        let ended = square.rewards[t] > 0.0;
+        batch.push(&from, t / 300, square.rewards[t], (!ended).then_some(&to)).unwrap();
+    }
+    batch
+}
+
+#[test]
+fn a_batch_of_points_anywhere_gives_the_same_policy() {
+    let square = Square::new(1);
+    let options = LocalOptions { neighbours: 8, ridge: 0.1 };
+    let places = Mat::from_fn(2, 100, |i, j| [(j % 10) as f64 / 10.0 + 0.05, (j / 10) as f64 / 10.0 + 0.05][i]);
+    let policy = |offset: f64, scale: f64| {
+        let values = batch_of(&square, offset, scale).fit(&options, 0.9).unwrap();
+        assert!(values.fit().converged && values.arrival() > 0.99, "{}", values.arrival());
+        let at = Mat::from_fn(2, 100, |i, j| (offset + places[(i, j)]) * scale);
+        values.policy(at.as_ref()).unwrap().chosen()
+    };
+    let known = policy(0.0, 1.0);
+    for (offset, scale) in [
+        (1e3, 1.0),
+        (-1e4, 1.0),
+        (1e6, 1.0),
+        (0.0, 1e30),
+        (0.0, 1e-30),
+        (1e3, 1e-30),
+        (0.0, 1e300),
+        (0.0, 1e-300),
+        (-1.0, 1e307),
+    ] {
+        let found = policy(offset, scale);
+        let other = known.iter().zip(&found).filter(|(a, b)| a != b).count();
+        // Ties between right and up, which are as good.
+        assert!(other <= 2, "moved by {offset}, times {scale}: {other} of 100 differ");
+    }
+}
+
+#[test]
+fn a_batch_refuses_what_does_not_fit() {
+    assert!(LocalBatch::new(0, 2).is_err() && LocalBatch::new(2, 0).is_err() && LocalBatch::new(2, 33).is_err());
+    let mut batch = LocalBatch::new(2, 2).unwrap();
+    assert_eq!(batch.fit(&LocalOptions::default(), 0.9).unwrap_err(), ValueError::Empty);
+    assert!(batch.push(&[1.0], 0, 0.0, None).is_err());
+    assert!(batch.push(&[1.0, 2.0], 0, 0.0, Some(&[1.0])).is_err());
+    assert!(batch.push(&[1.0, f64::NAN], 0, 0.0, None).is_err());
+    assert!(batch.push(&[1.0, 2.0], 0, f64::INFINITY, None).is_err());
+    assert!(batch.push(&[1.0, 2.0], 2, 0.0, None).is_err());
+    assert!(batch.is_empty());
+    batch.push(&[1.0, 2.0], 1, -1.0, Some(&[1.0, 3.0])).unwrap();
+    assert_eq!(batch.fit(&LocalOptions::default(), 1.0).unwrap_err(), ValueError::Gamma(1.0));
+    let values = batch.fit(&LocalOptions::default(), 0.5).unwrap();
+    // Action 0 was never tried; the costs of action 1 sum up to 2.
+    assert_eq!(values.best(&[7.0, -1e9]).unwrap(), 1);
+    let q = values.action_values(Mat::from_fn(2, 1, |_, _| 1.0).as_ref()).unwrap();
+    assert!(q[(0, 0)] == f64::NEG_INFINITY && (q[(1, 0)] + 2.0).abs() < 1e-5, "{q:?}");
+    assert!(values.best(&[1.0]).is_err() && values.best(&[f64::NAN, 0.0]).is_err());
+}
+
+#[test]
+fn values_that_settled_on_a_circle_do_not_arrive() {
+    // A ring of eight places, one way round; the goal is off it, and no transition leads there.
+    let mut batch = LocalBatch::new(2, 1).unwrap();
+    let place = |s: usize| [(s as f64 * 0.785).cos(), (s as f64 * 0.785).sin()];
+    for s in 0..8 {
+        batch.push(&place(s), 0, -1.0, Some(&place((s + 1) % 8))).unwrap();
+    }
+    let options = LocalOptions { neighbours: 1, ridge: 1.0 };
+    let values = batch.fit(&options, 0.9).unwrap();
+    assert!(values.fit().converged);
+    assert_eq!(values.arrival(), 0.0);
+    // A way out of it, from one place.
+    batch.push(&place(5), 0, 1.0, None).unwrap();
+    assert_eq!(batch.fit(&options, 0.9).unwrap().arrival(), 0.0, "the first of equal transitions is followed");
+    let mut batch = LocalBatch::new(2, 2).unwrap();
+    for s in 0..8 {
+        batch.push(&place(s), 0, -1.0, Some(&place((s + 1) % 8))).unwrap();
+        batch.push(&place(s), 1, if s == 5 { 1.0 } else { -9.0 }, (s != 5).then_some(&place(s))).unwrap();
+    }
+    assert_eq!(batch.fit(&options, 0.9).unwrap().arrival(), 1.0);
 }
