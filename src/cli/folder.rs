@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use super::Ending;
 use crate::agent::{CHECKPOINT_NAME, read_checkpoint};
+use crate::log::newest;
 use crate::log::run::log_number;
-use crate::log::{FilesReader, Record};
 use crate::policy::Learned;
 use crate::scenario::Scenario;
 
@@ -84,7 +84,9 @@ pub fn learned(run: &Path) -> Result<(Learned, Scenario), Ending> {
     if file.is_file() {
         return checkpoint(&file);
     }
-    let (bytes, path) = newest_attachment(run)?;
+    let found = newest(logs(run)?, CHECKPOINT_NAME, |error| eprintln!("warning: {error}"));
+    let (bytes, path) =
+        found.ok_or_else(|| format!("{} holds no checkpoint: the run ended before its first model", run.display()))?;
     Ok(read_checkpoint(&bytes, &path).map_err(|error| format!("{}: {error}", path.display()))?)
 }
 
@@ -97,22 +99,4 @@ pub fn checkpoint(path: &Path) -> Result<(Learned, Scenario), Ending> {
 /// Why a log shows nothing.
 pub fn no_records(path: &Path) -> Ending {
     format!("{} holds no records: it is not an MCAP log, or was cut at its beginning", path.display()).into()
-}
-
-fn newest_attachment(run: &Path) -> Result<(Vec<u8>, PathBuf), Ending> {
-    for path in logs(run)?.into_iter().rev() {
-        let mut newest = None;
-        // Also behind damage.
-        for record in FilesReader::new(vec![path.clone()]).with_attachments() {
-            match record {
-                Ok(Record::Attachment { name, data, .. }) if name == CHECKPOINT_NAME => newest = Some(data),
-                Ok(_) => {}
-                Err(error) => eprintln!("warning: {error}"),
-            }
-        }
-        if let Some(bytes) = newest {
-            return Ok((bytes, path));
-        }
-    }
-    Err(Ending::Failed(format!("{} holds no checkpoint: the run ended before its first model", run.display())))
 }

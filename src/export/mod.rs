@@ -20,8 +20,8 @@ use serde::Serialize;
 use thiserror::Error;
 
 use self::tables::{
-    Accepted, Decisions, Evaluations, Features, Frames, Growth, LocalValues, Models, Policies, Slow, SupportVectors,
-    Transitions,
+    Accepted, Decisions, Evaluations, Features, Frames, Growth, LocalValues, Meanings, Models, Policies, Slow,
+    SupportVectors, Transitions,
 };
 use crate::log::messages::{Decision, DictionaryGrowth, Evaluation, ModelUpdate, Transition};
 use crate::log::{LogError, Record, topics};
@@ -281,13 +281,9 @@ impl Export<'_> {
             }
         }
         self.about.damaged = source.damaged();
-        let frames = frames.finish().map(|arrays| (arrays, Frames::MEANINGS));
         match features {
-            Some((_, features)) => {
-                let features = features.finish().map(|arrays| (arrays, Features::MEANINGS));
-                self.pack(&["frames", "features"], vec![frames, features])
-            }
-            None => self.pack(&["frames"], vec![frames]),
+            Some((_, features)) => self.pack(&["frames", "features"], vec![frames.finish(), features.finish()]),
+            None => self.pack(&["frames"], vec![frames.finish()]),
         }
     }
 
@@ -325,13 +321,12 @@ impl Export<'_> {
                 Err(_) => self.about.damaged += 1,
             }
         }
-        let with = |table: io::Result<Vec<Written>>, meanings| table.map(|arrays| (arrays, meanings));
-        self.pack(&["transitions"], vec![with(transitions.finish(), Transitions::MEANINGS)])?;
-        self.pack(&["decisions"], vec![with(decisions.finish(), Decisions::MEANINGS)])?;
-        self.pack(&["models"], vec![with(models.finish(), Models::MEANINGS)])?;
-        self.pack(&["growth"], vec![with(growth.finish(), Growth::MEANINGS)])?;
-        self.pack(&["accepted"], vec![with(accepted.finish(), Accepted::MEANINGS)])?;
-        self.pack(&["evaluations"], vec![with(evaluations.finish(), Evaluations::MEANINGS)])
+        self.pack(&["transitions"], vec![transitions.finish()])?;
+        self.pack(&["decisions"], vec![decisions.finish()])?;
+        self.pack(&["models"], vec![models.finish()])?;
+        self.pack(&["growth"], vec![growth.finish()])?;
+        self.pack(&["accepted"], vec![accepted.finish()])?;
+        self.pack(&["evaluations"], vec![evaluations.finish()])
     }
 
     /// The model itself, so that Python can compute with it.
@@ -349,27 +344,20 @@ impl Export<'_> {
                 None => {
                     let mut weights = Policies::create(&policies, features + 1)?;
                     weights.add(learned)?;
-                    (weights.finish()?, Policies::MEANINGS)
+                    weights.finish()?
                 }
                 Some(instances) => {
                     let (coordinates, tasks) = (instances.points().nrows(), learned.weights.len());
                     let mut local = LocalValues::create(&policies, coordinates, tasks)?;
                     local.add(learned, instances)?;
-                    (local.finish()?, LocalValues::MEANINGS)
+                    local.finish()?
                 }
             };
-            Ok(vec![
-                Ok((vectors.finish()?, SupportVectors::MEANINGS)),
-                Ok((rates.finish()?, Slow::MEANINGS)),
-                Ok(values),
-            ])
+            Ok(vec![Ok(vectors.finish()?), Ok(rates.finish()?), Ok(values)])
         })();
         self.pack(&["model", "slow", "policies"], tables.map_err(written)?)
     }
 }
-
-/// What the arrays of a table are, by name.
-type Meanings = &'static [(&'static str, &'static str)];
 
 fn write_image(path: &Path, pixels: &[u8], scenario: &Scenario) -> Result<(), ExportError> {
     let file = BufWriter::new(File::create_new(path).map_err(failed(path))?);

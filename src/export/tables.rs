@@ -14,22 +14,39 @@ use crate::source::{Frame, View};
 use crate::value::Instances;
 use crate::vision::{Observation, ZERO};
 
-/// Declares a table: its arrays with their types, row shapes and meanings; and how they are created and finished.
+/// What the arrays of a table are, by name.
+pub type Meanings = &'static [(&'static str, &'static str)];
+
+/// Declares a table: its arrays with their types, row shapes and meanings; and how they are created and finished. Where a row
+/// is made of one message, also what of it goes into each array.
 macro_rules! table {
+    ($(#[$doc:meta])* $name:ident($($size:ident),*) of $message:ident: $of:ty $(, $with:ident: $with_type:ty)* {
+        $($array:ident: $type:ty [$($length:expr),*] = $value:expr, $meaning:literal;)+
+    }) => {
+        table! { $(#[$doc])* $name($($size),*) { $($array: $type [$($length),*] = $meaning,)+ } }
+
+        impl $name {
+            pub fn add(&mut self, $message: &$of $(, $with: $with_type)*) -> io::Result<()> {
+                $(self.$array.push(&$value)?;)+
+                Ok(())
+            }
+        }
+    };
     ($(#[$doc:meta])* $name:ident($($size:ident),*) { $($array:ident: $type:ty [$($length:expr),*] = $meaning:literal,)+ }) => {
         $(#[$doc])*
         pub struct $name { $($array: Array<$type>,)+ }
 
         impl $name {
             /// What each array is, by name.
-            pub const MEANINGS: &'static [(&'static str, &'static str)] = &[$((stringify!($array), $meaning)),+];
+            const MEANINGS: Meanings = &[$((stringify!($array), $meaning)),+];
 
             pub fn create(folder: &Path, $($size: usize),*) -> io::Result<Self> {
                 Ok($name { $($array: Array::create(folder, stringify!($array), &[$($length),*])?,)+ })
             }
 
-            pub fn finish(self) -> io::Result<Vec<Written>> {
-                Ok(vec![$(self.$array.finish()?),+])
+            /// What was written, and what it is.
+            pub fn finish(self) -> io::Result<(Vec<Written>, Meanings)> {
+                Ok((vec![$(self.$array.finish()?),+], Self::MEANINGS))
             }
         }
     };
@@ -60,53 +77,53 @@ table! {
 
 table! {
     /// One row for each action that was completed.
-    Transitions(tasks) {
-        from_frame: u64 [] = "the frame before the action",
-        to_frame: u64 [] = "the frame after it",
-        stamp_ns: u64 [] = "when it ended, nanoseconds",
-        action: u8 [] = "0 forward, 1 left, 2 right",
-        blocked: bool [] = "an obstacle stopped the robot",
-        rewards: f64 [tasks] = "the reward of each task",
+    Transitions(tasks) of message: Transition, tasks: usize {
+        from_frame: u64 [] = [message.from_frame], "the frame before the action";
+        to_frame: u64 [] = [message.to_frame], "the frame after it";
+        stamp_ns: u64 [] = [message.header.stamp_ns()], "when it ended, nanoseconds";
+        action: u8 [] = [message.action], "0 forward, 1 left, 2 right";
+        blocked: bool [] = [message.blocked], "an obstacle stopped the robot";
+        rewards: f64 [tasks] = fixed(&message.rewards, tasks), "the reward of each task";
     }
 }
 
 table! {
     /// One row for each decision.
-    Decisions() {
-        frame: u64 [] = "the frame that was decided on",
-        stamp_ns: u64 [] = "when, nanoseconds",
-        action_index: u64 [] = "number of the action",
-        action: u8 [] = "0 forward, 1 left, 2 right",
-        behaviour: u8 [] = "0 explore, 1 pursue a task",
-        task: i32 [] = "number of the task that is pursued, -1 none",
-        epoch: u32 [] = "the model in use, 0 before the first",
-        q_values: f64 [3] = "value of each action for that task; not a number without one",
-        reflex: bool [] = "a reflex replaced what the behaviour wished",
+    Decisions() of message: Decision, scenario: &Scenario {
+        frame: u64 [] = [message.frame], "the frame that was decided on";
+        stamp_ns: u64 [] = [message.header.stamp_ns()], "when, nanoseconds";
+        action_index: u64 [] = [message.action_index], "number of the action";
+        action: u8 [] = [message.action], "0 forward, 1 left, 2 right";
+        behaviour: u8 [] = [message.behaviour], "0 explore, 1 pursue a task";
+        task: i32 [] = [task_number(scenario, &message.task)], "number of the task that is pursued, -1 none";
+        epoch: u32 [] = [message.epoch], "the model in use, 0 before the first";
+        q_values: f64 [3] = fixed(&message.q_values, 3), "value of each action for that task; not a number without one";
+        reflex: bool [] = [message.reflex], "a reflex replaced what the behaviour wished";
     }
 }
 
 table! {
     /// One row for each model that was made during the run.
-    Models(features) {
-        epoch: u32 [] = "number of the model, from 1",
-        asked_at_frame: u64 [] = "the frame at which it was asked for",
-        effective_at_frame: u64 [] = "the first frame that it was used on",
-        frames: u64 [] = "frames that it was learned from",
-        support_vectors: u32 [] = "support vectors that it is made of",
-        regulariser: f64 [] = "lambda",
-        slowness: f64 [features] = "slowness of each feature (1/s^2), slowest first; not a number beyond the last",
+    Models(features) of message: ModelUpdate, features: usize {
+        epoch: u32 [] = [message.epoch], "number of the model, from 1";
+        asked_at_frame: u64 [] = [message.asked_at_frame], "the frame at which it was asked for";
+        effective_at_frame: u64 [] = [message.effective_at_frame], "the first frame that it was used on";
+        frames: u64 [] = [message.frames], "frames that it was learned from";
+        support_vectors: u32 [] = [message.support_vectors], "support vectors that it is made of";
+        regulariser: f64 [] = [message.regulariser], "lambda";
+        slowness: f64 [features] = fixed(&message.slowness, features), "slowness of each feature (1/s^2), slowest first; not a number beyond the last";
     }
 }
 
 table! {
     /// One row for each block of frames that went through the dictionary.
-    Growth() {
-        first_frame: u64 [] = "first frame of the block",
-        last_frame: u64 [] = "last frame of the block",
-        accepted: u32 [] = "frames of it that became support vectors",
-        size: u32 [] = "support vectors after the block",
-        sigma: f64 [] = "width of the kernel",
-        nu: f64 [] = "threshold of acceptance; not a number for a random selection",
+    Growth() of message: DictionaryGrowth {
+        first_frame: u64 [] = [message.first_frame], "first frame of the block";
+        last_frame: u64 [] = [message.last_frame], "last frame of the block";
+        accepted: u32 [] = [message.accepted.len() as u32], "frames of it that became support vectors";
+        size: u32 [] = [message.size], "support vectors after the block";
+        sigma: f64 [] = [message.sigma], "width of the kernel";
+        nu: f64 [] = [message.nu], "threshold of acceptance; not a number for a random selection";
     }
 }
 
@@ -119,14 +136,14 @@ table! {
 
 table! {
     /// One row for each trial of a policy during the run.
-    Evaluations() {
-        epoch: u32 [] = "epoch of the policy",
-        frame: u64 [] = "the newest frame that it had learned from",
-        task: i32 [] = "number of the task",
-        starts: u32 [] = "trials",
-        success: f64 [] = "share of trials that arrived",
-        mean_steps: f64 [] = "actions per arrival",
-        convergence_quality: f64 [] = "convergence quality, 0 to 1",
+    Evaluations() of message: Evaluation, scenario: &Scenario {
+        epoch: u32 [] = [message.epoch], "epoch of the policy";
+        frame: u64 [] = [message.frame], "the newest frame that it had learned from";
+        task: i32 [] = [task_number(scenario, &message.task)], "number of the task";
+        starts: u32 [] = [message.starts], "trials";
+        success: f64 [] = [message.success], "share of trials that arrived";
+        mean_steps: f64 [] = [message.mean_steps], "actions per arrival";
+        convergence_quality: f64 [] = [message.convergence_quality], "convergence quality, 0 to 1";
     }
 }
 
@@ -210,75 +227,15 @@ fn column(matrix: MatRef<'_, f64>, j: usize) -> Vec<f64> {
     matrix.col(j).iter().copied().collect()
 }
 
-impl Transitions {
-    pub fn add(&mut self, message: &Transition, tasks: usize) -> io::Result<()> {
-        self.from_frame.push(&[message.from_frame])?;
-        self.to_frame.push(&[message.to_frame])?;
-        self.stamp_ns.push(&[message.header.stamp_ns()])?;
-        self.action.push(&[message.action])?;
-        self.blocked.push(&[message.blocked])?;
-        self.rewards.push(&fixed(&message.rewards, tasks))
-    }
-}
-
 /// Number of a task, −1 for none.
 fn task_number(scenario: &Scenario, name: &str) -> i32 {
     let found = scenario.tasks.iter().position(|task| task.name == name);
     found.map_or(-1, |number| number as i32)
 }
 
-impl Decisions {
-    pub fn add(&mut self, message: &Decision, scenario: &Scenario) -> io::Result<()> {
-        self.frame.push(&[message.frame])?;
-        self.stamp_ns.push(&[message.header.stamp_ns()])?;
-        self.action_index.push(&[message.action_index])?;
-        self.action.push(&[message.action])?;
-        self.behaviour.push(&[message.behaviour])?;
-        self.task.push(&[task_number(scenario, &message.task)])?;
-        self.epoch.push(&[message.epoch])?;
-        self.q_values.push(&fixed(&message.q_values, 3))?;
-        self.reflex.push(&[message.reflex])
-    }
-}
-
-impl Models {
-    pub fn add(&mut self, message: &ModelUpdate, features: usize) -> io::Result<()> {
-        self.epoch.push(&[message.epoch])?;
-        self.asked_at_frame.push(&[message.asked_at_frame])?;
-        self.effective_at_frame.push(&[message.effective_at_frame])?;
-        self.frames.push(&[message.frames])?;
-        self.support_vectors.push(&[message.support_vectors])?;
-        self.regulariser.push(&[message.regulariser])?;
-        self.slowness.push(&fixed(&message.slowness, features))
-    }
-}
-
-impl Growth {
-    pub fn add(&mut self, message: &DictionaryGrowth) -> io::Result<()> {
-        self.first_frame.push(&[message.first_frame])?;
-        self.last_frame.push(&[message.last_frame])?;
-        self.accepted.push(&[message.accepted.len() as u32])?;
-        self.size.push(&[message.size])?;
-        self.sigma.push(&[message.sigma])?;
-        self.nu.push(&[message.nu])
-    }
-}
-
 impl Accepted {
     pub fn add(&mut self, message: &DictionaryGrowth) -> io::Result<()> {
         message.accepted.iter().try_for_each(|&frame| self.frame.push(&[frame]))
-    }
-}
-
-impl Evaluations {
-    pub fn add(&mut self, message: &Evaluation, scenario: &Scenario) -> io::Result<()> {
-        self.epoch.push(&[message.epoch])?;
-        self.frame.push(&[message.frame])?;
-        self.task.push(&[task_number(scenario, &message.task)])?;
-        self.starts.push(&[message.starts])?;
-        self.success.push(&[message.success])?;
-        self.mean_steps.push(&[message.mean_steps])?;
-        self.convergence_quality.push(&[message.convergence_quality])
     }
 }
 

@@ -12,8 +12,9 @@ use serde::Serialize;
 use super::follow::Seen;
 use super::picture::{Picture, finely};
 use crate::agent::{CHECKPOINT_NAME, read_checkpoint};
-use crate::log::{FilesReader, Record, log_files};
+use crate::log::{log_files, newest};
 use crate::policy::{Learned, columns};
+use crate::report::draw::thinned;
 use crate::report::gather::{Gathered, ROOM};
 use crate::report::maps::{Fineness, HEADINGS, RoomMaps};
 use crate::robot::Pose;
@@ -52,6 +53,7 @@ pub struct Maps {
 }
 
 /// The room, and the newest model.
+#[derive(Default)]
 pub struct Lookout {
     place: PathBuf,
     room: Option<(Arc<Scenario>, Arc<World>)>,
@@ -77,17 +79,9 @@ impl Lookout {
     pub fn new(place: &Path) -> Self {
         Lookout {
             place: place.to_owned(),
-            room: None,
-            missing: None,
-            simulated: false,
-            learned: None,
-            read: None,
-            searched: false,
-            maps: None,
-            coming: None,
             // A panic there is told by the channel that it leaves, and must not take the run down.
             pool: ThreadPoolBuilder::new().num_threads(1).panic_handler(|_| {}).build().ok(),
-            features: (0, Vec::new()),
+            ..Lookout::default()
         }
     }
 
@@ -227,14 +221,8 @@ impl Lookout {
         let (_, world) = self.room.as_ref().filter(|_| self.simulated)?;
         let image = world.appearance.render(pose, frame);
         let light = world.appearance.light(frame);
-        let every = image.width.div_ceil(WIDEST).max(1);
-        let (width, height) = (image.width / every, image.height / every);
-        let lit = |value: u8| (f64::from(value) * light).round().clamp(0.0, 255.0) as u8;
-        let pixel = |x: usize, y: usize| {
-            let start = 3 * (y * every * image.width + x * every);
-            image.rgb[start..start + 3].iter().map(|&value| lit(value))
-        };
-        let rgb = (0..height).flat_map(|y| (0..width).flat_map(move |x| pixel(x, y))).collect();
+        let (width, height, mut rgb) = thinned((image.width, image.height), &image.rgb, WIDEST);
+        rgb.iter_mut().for_each(|value| *value = (f64::from(*value) * light).round().clamp(0.0, 255.0) as u8);
         Some(Picture { width, height, rgb })
     }
 }
@@ -269,13 +257,5 @@ fn newest_attachment(place: &Path) -> Option<Vec<u8>> {
     } else {
         vec![place.to_owned()]
     };
-    files.into_iter().rev().find_map(|path| {
-        // Also behind damage.
-        let records = FilesReader::new(vec![path]).with_attachments().flatten();
-        let found = records.filter_map(|record| match record {
-            Record::Attachment { name, data, .. } if name == CHECKPOINT_NAME => Some(data),
-            _ => None,
-        });
-        found.last()
-    })
+    newest(files, CHECKPOINT_NAME, |_| {}).map(|(bytes, _)| bytes)
 }

@@ -59,3 +59,15 @@ impl Iterator for FilesReader {
         }
     }
 }
+
+/// The newest attachment of a name in log files, also behind damage, and the file that holds it; `warn` is told of damage.
+pub fn newest(files: Vec<PathBuf>, wanted: &str, warn: impl Fn(&LogError)) -> Option<(Vec<u8>, PathBuf)> {
+    files.into_iter().rev().find_map(|path| {
+        let records = FilesReader::new(vec![path.clone()]).with_attachments();
+        let found = records.filter_map(|record| match record.inspect_err(&warn) {
+            Ok(Record::Attachment { name, data, .. }) if name == wanted => Some(data),
+            _ => None,
+        });
+        found.last().map(|bytes| (bytes, path))
+    })
+}

@@ -33,7 +33,7 @@ pub mod writer;
 
 pub use error::LogError;
 pub use expected::{Difference, Expected};
-pub use files::FilesReader;
+pub use files::{FilesReader, newest};
 pub use messages::Message;
 pub use reader::{Channel, Ending, LogReader, Record};
 pub use recover::{Recovered, recover, recover_into};

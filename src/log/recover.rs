@@ -14,7 +14,7 @@ use super::writer::with_sources;
 use super::{Channel, Ending, LogError, LogReader, Record};
 
 /// What a recovery found.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Recovered {
     /// Messages copied, by topic.
     pub messages: BTreeMap<String, u64>,
@@ -56,8 +56,7 @@ pub fn recover_into<R: Read + Seek, W: Write>(
     log: &str,
 ) -> Result<Recovered, LogError> {
     let mut copy = Copy { log: log.to_owned(), writer: None, sink: Some(sink), channels: BTreeMap::new() };
-    let mut found =
-        Recovered { messages: BTreeMap::new(), attachments: 0, losses: Vec::new(), lost: 0, ending: Ending::NoFooter };
+    let mut found = Recovered::default();
     loop {
         while let Some(record) = reader.next() {
             match record {

@@ -32,7 +32,7 @@ pub struct ClockStep {
 const LONG_STEP: u64 = 100;
 
 /// What is in a log.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct LogSummary {
     /// Messages on each topic that has any.
     pub messages: BTreeMap<String, u64>,
@@ -67,20 +67,10 @@ pub struct LogSummary {
 pub fn summarise(path: &Path) -> Result<LogSummary, LogError> {
     let mut reader = LogReader::open(path)?.without_attachments();
     let mut summary = LogSummary {
-        messages: BTreeMap::new(),
         bytes: std::fs::metadata(path)
             .map_err(|cause| LogError::Open { log: path.display().to_string(), cause })?
             .len(),
-        stamps_ns: None,
-        metadata: BTreeMap::new(),
-        ending: Ending::NoFooter,
-        damaged: 0,
-        holes: Vec::new(),
-        missing: 0,
-        out_of_order: 0,
-        observations: None,
-        clock_steps: Vec::new(),
-        dropped: 0,
+        ..LogSummary::default()
     };
     let mut clock = Clock::default();
     loop {

@@ -51,7 +51,7 @@ pub enum RecordingError {
 }
 
 /// A recorded run.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Recording {
     /// The log files, in order.
     pub files: Vec<PathBuf>,
@@ -101,23 +101,8 @@ impl Recording {
             files.into_iter().map(|(_, path)| path).collect()
         };
         let Some(first) = files.first() else { return Err(RecordingError::Empty(run.to_owned())) };
-        let mut recording = Recording {
-            path: first.clone(),
-            files: files.clone(),
-            metadata: BTreeMap::new(),
-            part: 0,
-            models: BTreeMap::new(),
-            evaluations: BTreeMap::new(),
-            events: RecordedEvents::default(),
-            expected: Expected::default(),
-            closing: Vec::new(),
-            open_events: None,
-            first_frame: u64::MAX,
-            frames: 0,
-            closed: false,
-            damage: Vec::new(),
-            damaged: 0,
-        };
+        let mut recording =
+            Recording { path: first.clone(), files: files.clone(), first_frame: u64::MAX, ..Recording::default() };
         let mut records = FilesReader::new(files);
         for record in records.by_ref() {
             match record.and_then(|record| recording.read(&record)) {

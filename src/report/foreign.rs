@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::draw::Picture;
+use super::draw::{Picture, thinned};
 use super::gather::{Downsample, Gathered};
 use crate::log::messages::{self as msg, Message as _, foreign};
 use crate::log::{FilesReader, LogError, Record, cdr};
@@ -102,15 +102,6 @@ const WIDEST: usize = 640;
 
 /// A large image with every second, third, … pixel left out.
 fn smaller(picture: Picture) -> Picture {
-    let every = picture.width.div_ceil(WIDEST).max(1);
-    if every == 1 {
-        return picture;
-    }
-    let (width, height) = (picture.width / every, picture.height / every);
-    let pixel = |i: usize, j: usize| {
-        let at = 3 * (j * every * picture.width + i * every);
-        picture.rgb[at..at + 3].iter().copied()
-    };
-    let rgb = (0..height).flat_map(|j| (0..width).flat_map(move |i| pixel(i, j))).collect();
+    let (width, height, rgb) = thinned((picture.width, picture.height), &picture.rgb, WIDEST);
     Picture { label: picture.label, width, height, rgb }
 }

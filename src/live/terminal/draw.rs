@@ -12,7 +12,7 @@ use super::picture::picture;
 use super::room::{Shown, room};
 use crate::live::view::{Curve, Phase, View};
 use crate::report::Numbered;
-use crate::report::draw::{SERIES, short};
+use crate::report::draw::{SERIES, ends, short};
 
 /// Smallest terminal, columns and lines.
 const SMALLEST: (u16, u16) = (72, 22);
@@ -149,8 +149,7 @@ fn features(buffer: &mut Buffer, area: Rect, view: &View) {
 fn levels(curve: &Curve, count: usize) -> String {
     let values: Vec<f64> = curve.points.iter().map(|point| point.1).collect();
     let values = &values[values.len().saturating_sub(count)..];
-    let finite = || values.iter().copied().filter(|value| value.is_finite());
-    let (low, high) = finite().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), value| (l.min(value), h.max(value)));
+    let (low, high) = ends(values);
     let level = |value: f64| (value - low) / (high - low).max(1e-9) * (LEVELS.len() - 1) as f64;
     let letter = |&value: &f64| if value.is_finite() { LEVELS[level(value).round() as usize] } else { ' ' };
     values.iter().map(letter).collect()

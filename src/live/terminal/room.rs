@@ -6,7 +6,7 @@ use ratatui::style::{Color, Modifier, Style};
 
 use crate::live::maps::Maps;
 use crate::live::view::View;
-use crate::report::draw::{Colours, GOAL, PATH};
+use crate::report::draw::{Colours, GOAL, PATH, ends};
 
 /// A letter for each of eight headings, from the x-axis on, counter-clockwise.
 const ARROWS: [char; 8] = ['→', '↗', '↑', '↖', '←', '↙', '↓', '↘'];
@@ -138,8 +138,7 @@ fn values(buffer: &mut Buffer, place: &Place, maps: &Maps, shown: Shown, plain: 
         Shown::Room => (None, None),
     };
     let Some(values) = values else { return };
-    let finite = || values.iter().copied().filter(|value| value.is_finite());
-    let (low, high) = finite().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), value| (l.min(value), h.max(value)));
+    let (low, high) = ends(values);
     let colours = match shown {
         Shown::Feature(_) => Colours::Diverging(low.abs().max(high.abs())),
         _ => Colours::Sequential(low, high),

@@ -107,11 +107,12 @@ impl Record {
 }
 
 /// How a log ended.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum Ending {
     /// It was finished, and all of it was read.
     Complete,
     /// It stops between two records: the run was killed, or is still going on.
+    #[default]
     NoFooter,
     /// Bytes are wrong or missing. What came before was read, and as much as possible behind.
     Damaged {

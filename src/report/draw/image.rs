@@ -28,6 +28,15 @@ pub fn data_url(png: &[u8]) -> String {
     format!("data:image/png;base64,{}", STANDARD.encode(png))
 }
 
+/// The size and pixels of an RGB image with every second, third, … pixel left out, such that it is at most so wide.
+pub fn thinned((width, height): (usize, usize), rgb: &[u8], widest: usize) -> (usize, usize, Vec<u8>) {
+    let every = width.div_ceil(widest).max(1);
+    let lines = rgb.chunks_exact(3 * width.max(1)).step_by(every).take(height / every);
+    let pixels =
+        |line: &[u8]| line.chunks_exact(3).step_by(every).take(width / every).flatten().copied().collect::<Vec<u8>>();
+    (width / every, height / every, lines.flat_map(pixels).collect())
+}
+
 /// An RGB image with every pixel repeated `times` × `times`: viewers smooth small images whatever a file asks for.
 pub fn enlarged(rgb: &[u8], width: usize, times: usize) -> Vec<u8> {
     let wide = |row: &[u8]| -> Vec<u8> { row.chunks_exact(3).flat_map(|pixel| pixel.repeat(times)).collect() };

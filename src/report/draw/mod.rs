@@ -12,7 +12,7 @@ mod raster;
 
 pub use chart::{Axis, Chart, Line, Mark as Stroke};
 pub use gallery::{Picture, gallery};
-pub use image::{data_url, enlarged, png_bytes};
+pub use image::{data_url, enlarged, png_bytes, thinned};
 pub use page::{Page, Table, escape};
 pub use panels::{Colours, Grid, Mark, Panel, Panels};
 pub use raster::png;
@@ -130,6 +130,12 @@ pub fn behind(svg: &mut String, elements: &str) {
     // The first element is the root, the second the background's rectangle.
     let end = svg.find("<rect").and_then(|start| svg[start..].find("/>").map(|end| start + end + 2));
     svg.insert_str(end.unwrap_or(svg.len()), elements);
+}
+
+/// The lowest and the highest of the numbers that are finite; infinite the other way round if there are none.
+pub fn ends<'a>(values: impl IntoIterator<Item = &'a f64>) -> (f64, f64) {
+    let finite = values.into_iter().filter(|value| value.is_finite());
+    finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &value| (low.min(value), high.max(value)))
 }
 
 /// A number as short as its size allows: 75000 → "75 k", 0.0123 → "0.012".

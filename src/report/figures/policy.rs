@@ -4,7 +4,7 @@ use plotters::style::{Color, RGBColor};
 
 use super::{Figure, Item, Material, Section, file_name};
 use crate::report::Numbered;
-use crate::report::draw::{Colours, DrawError, GOAL, Grid, INK, Mark, PATH, Panel, Panels, SERIES};
+use crate::report::draw::{Colours, DrawError, GOAL, Grid, INK, Mark, PATH, Panel, Panels, SERIES, ends};
 use crate::report::gather::CELL;
 use crate::report::maps::{HEADINGS, Map, RoomMaps, angle};
 use crate::report::room::HATCH;
@@ -76,7 +76,7 @@ fn room(material: &Material<'_>, room_maps: &RoomMaps, task: usize, name: &str) 
     marks.extend(arrows(material, room_maps, task, &worth));
     marks.extend(material.walls(6));
     let title = format!("The room and the policy of {name}");
-    let (low, high) = ends(std::slice::from_ref(&values));
+    let (low, high) = ends(&values);
     let svg = Panels {
         colours: Colours::Sequential(low, high),
         scale: WORTH.to_owned(),
@@ -113,7 +113,7 @@ fn arrows(material: &Material<'_>, room_maps: &RoomMaps, task: usize, worth: &[(
 /// The value of the best action for each heading.
 fn values(material: &Material<'_>, room_maps: &RoomMaps, task: usize, name: &str) -> Result<Figure, DrawError> {
     let maps = &room_maps.values[task];
-    let (low, high) = ends(maps);
+    let (low, high) = ends(maps.iter().flatten());
     let title = format!("Value function of {name}");
     let svg = Panels {
         colours: Colours::Sequential(low, high),
@@ -155,12 +155,6 @@ pub fn headings(maps: &[Map; HEADINGS]) -> Vec<Panel> {
         .enumerate()
         .map(|(heading, map)| Panel { label: label(heading), values: map.clone(), ..Panel::default() })
         .collect()
-}
-
-/// Lowest and highest number of some maps.
-fn ends(maps: &[Map]) -> (f64, f64) {
-    let values = maps.iter().flatten().filter(|value| value.is_finite());
-    values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &value| (low.min(value), high.max(value)))
 }
 
 /// Panels on the room_maps's grid.
