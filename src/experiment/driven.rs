@@ -25,9 +25,6 @@ pub const SMALL: [&str; 8] = [
 ];
 
 /// One run; its curve is made by an evaluator.
-///
-/// # Errors
-/// Whatever ends a run before its time; [`ExperimentError::Stopped`].
 pub fn drive(
     scenario: &Arc<Scenario>,
     world: &Arc<World>,

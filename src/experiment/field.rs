@@ -68,9 +68,6 @@ pub struct Field<'a> {
 
 impl<'a> Field<'a> {
     /// A walk of some actions through a world, and its starts for each task.
-    ///
-    /// # Errors
-    /// [`ExperimentError::Stopped`].
     pub fn new(lab: &'a Lab, actions: usize, starts: usize, bench: &'a Bench<'a>) -> Result<Self, ExperimentError> {
         let walked = lab.walk(actions);
         let video = lab.video(&walked.poses, bench)?;
@@ -80,9 +77,6 @@ impl<'a> Field<'a> {
 
 impl Field<'_> {
     /// How good the trips of each task are.
-    ///
-    /// # Errors
-    /// Those of making the trips; [`ExperimentError::Stopped`].
     pub fn qualities(
         &self,
         mut trips_of: impl FnMut(usize) -> Result<Vec<Trip>, ExperimentError>,
@@ -95,9 +89,6 @@ impl Field<'_> {
     }
 
     /// The optimal numbers of steps from the same starts.
-    ///
-    /// # Errors
-    /// [`ExperimentError::Stopped`].
     pub fn optimum(&self) -> Result<Vec<Quality>, ExperimentError> {
         self.qualities(|task| {
             let best = |trip: &Trip| Trip {
@@ -134,9 +125,6 @@ impl Field<'_> {
     }
 
     /// The batch pipeline on the first part of the walk, and how many support vectors it has.
-    ///
-    /// # Errors
-    /// Those of [`train`].
     pub fn batch(
         &self,
         actions: usize,
@@ -171,9 +159,6 @@ impl Field<'_> {
     }
 
     /// Local values in the true pose, from the whole walk.
-    ///
-    /// # Errors
-    /// [`ExperimentError::Stopped`].
     pub fn true_pose_locally(&self) -> Result<Vec<Quality>, ExperimentError> {
         let transitions = self.walked.spread(self.walked.actions.len());
         let policies = local::of_pose(self.lab, &self.walked, transitions)?;
@@ -181,9 +166,6 @@ impl Field<'_> {
     }
 
     /// IncSFA sees the walk once; policies are made on its features of each of these moments.
-    ///
-    /// # Errors
-    /// [`ExperimentError::Stopped`].
     pub fn incremental(&self, actions: &[usize], (k, whitened): (usize, usize)) -> Result<Vec<Point>, ExperimentError> {
         let links = self.lab.links(&self.walked, self.lab.thesis_weight(&self.walked));
         let mut rng = stream(self.lab.scenario.seed, "incremental features");
@@ -217,9 +199,6 @@ impl Field<'_> {
 
     /// Stream-Q(λ) drives by itself, from a new random start whenever a goal was reached or an episode is over: what its policies
     /// come to at each moment.
-    ///
-    /// # Errors
-    /// [`ExperimentError::Stopped`].
     pub fn stream_q(
         &self,
         run: &StreamQRun<'_>,
@@ -291,9 +270,6 @@ impl Field<'_> {
     }
 
     /// Actions that have nothing to do with what is seen.
-    ///
-    /// # Errors
-    /// [`ExperimentError::Stopped`].
     pub fn random(&self) -> Result<Vec<Quality>, ExperimentError> {
         let seed = self.lab.scenario.seed;
         self.qualities(|task| {

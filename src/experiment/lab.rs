@@ -68,25 +68,16 @@ impl Lab {
     }
 
     /// The lab with five goals and the thesis's rewards, with some keys changed.
-    ///
-    /// # Errors
-    /// As those of [`Lab::new`].
     pub fn goals(seed: u64, sets: &[&str]) -> Result<Self, ExperimentError> {
         Lab::of(GOALS, "goals.toml", seed, thesis_rewards(5), sets)
     }
 
     /// The thesis's two-room environment, with some keys changed.
-    ///
-    /// # Errors
-    /// As those of [`Lab::new`].
     pub fn two_rooms(seed: u64, sets: &[&str]) -> Result<Self, ExperimentError> {
         Lab::of(TWO_ROOMS, "two_rooms.toml", seed, Vec::new(), sets)
     }
 
     /// One of [`WORLDS`] by its place there, with its own rewards, with some keys changed.
-    ///
-    /// # Errors
-    /// As those of [`Lab::new`].
     pub fn world(place: usize, seed: u64, sets: &[String]) -> Result<Self, ExperimentError> {
         let (name, text) = WORLDS[place];
         let sets: Vec<&str> = sets.iter().map(String::as_str).collect();
@@ -94,9 +85,6 @@ impl Lab {
     }
 
     /// The same as the agent drives in it, with the scenario's frames for each action.
-    ///
-    /// # Errors
-    /// As those of [`Lab::new`].
     pub fn driven(place: usize, seed: u64, sets: &[String]) -> Result<Self, ExperimentError> {
         let (name, text) = WORLDS[place];
         let fixed = [format!("seed={seed}"), "camera.detail=vision".into()];
@@ -151,9 +139,6 @@ impl Lab {
     }
 
     /// What the camera sees along a way, one observation a column: `d × n`, in whole numbers around zero.
-    ///
-    /// # Errors
-    /// [`ExperimentError::Stopped`].
     pub fn video(&self, poses: &[Pose], bench: &Bench<'_>) -> Result<Mat<f32>, ExperimentError> {
         let scenario = &self.scenario;
         let noise = stream(scenario.seed, "camera");
@@ -162,9 +147,6 @@ impl Lab {
     }
 
     /// What a camera without noise and drift sees, `d × n`: for test maps.
-    ///
-    /// # Errors
-    /// [`ExperimentError::Stopped`].
     pub fn views(&self, poses: &[Pose], bench: &Bench<'_>) -> Result<Mat<f32>, ExperimentError> {
         self.seen(poses, None, bench)
     }
@@ -195,9 +177,6 @@ impl Lab {
     }
 
     /// The places that the robot can be at, and its heading, as the axes of theory.
-    ///
-    /// # Errors
-    /// None in a room that the robot has some way to go in.
     pub fn axes(&self) -> Result<[Axis; 3], TheoryError> {
         let (low, high) = self.world.plan.reachable_box();
         Ok([

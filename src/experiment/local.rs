@@ -32,9 +32,6 @@ pub struct Valued {
 }
 
 /// Values of all tasks of a world, with the scenario's neighbours and discount; `at` gives the points of frames, `p × n`.
-///
-/// # Errors
-/// Those of `at`; no transitions.
 pub fn values(
     lab: &Lab,
     walked: &Walked,
@@ -72,9 +69,6 @@ pub struct PosePolicies {
 }
 
 /// Local values over the true pose.
-///
-/// # Errors
-/// No transitions.
 pub fn of_pose(lab: &Lab, walked: &Walked, transitions: Vec<Transition>) -> Result<PosePolicies, ExperimentError> {
     let rule = Rule { ridge: lab.scenario.value.local_ridge, walls: true };
     let at = |frames: &[usize]| {

@@ -63,9 +63,6 @@ const HEAD: f64 = 16.0;
 /// Maps in lines, blue below zero, red above; all maps of a line have one scale.
 ///
 /// `aspect`: height of the room by its width. Each map is a grid of `grid`.
-///
-/// # Errors
-/// None that the encoder has for images of this size.
 pub fn sheet(title: &str, grid: Grid, aspect: f64, lines: &[Vec<Map>]) -> Result<String, ExperimentError> {
     let columns = lines.iter().map(Vec::len).max().unwrap_or(0);
     let (wide, high) = (MAP_WIDTH, MAP_WIDTH * aspect);

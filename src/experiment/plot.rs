@@ -55,9 +55,6 @@ impl Line {
 }
 
 /// A chart of lines with a legend above it, as an SVG text.
-///
-/// # Errors
-/// What the drawing library refuses.
 pub fn chart(title: &str, (x, y): (&Axis, &Axis), lines: &[Line]) -> Result<String, DrawError> {
     let lines = lines.iter().map(Line::drawn).collect();
     Chart { height: HEIGHT, ..Chart::new(title, x.clone(), y.clone(), lines) }.svg()

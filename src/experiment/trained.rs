@@ -68,9 +68,6 @@ pub fn train<'a>(lab: &'a Lab, training: &Training, bench: &Bench<'_>) -> Result
 }
 
 /// What the camera sees at some poses, and slow features of it: about so many support vectors, so many features.
-///
-/// # Errors
-/// Those of [`train`].
 pub fn seen(
     lab: &Lab,
     poses: &[Pose],
@@ -86,9 +83,6 @@ pub fn seen(
 }
 
 /// Features of many frames, `f × n`, the constant one first; a block at a time.
-///
-/// # Errors
-/// [`ExperimentError::Stopped`].
 pub fn apply(model: &SlowModel<f32>, x: MatRef<'_, f32>, bench: &Bench<'_>) -> Result<Mat<f64>, ExperimentError> {
     const AT_ONCE: usize = 1024;
     let mut phi = Mat::zeros(model.features(), x.ncols());
@@ -116,9 +110,6 @@ pub fn worths(weights: &Mat<f64>, features: &Mat<f64>) -> [f64; 3] {
 
 impl Trained<'_> {
     /// Features at some frames: `f × n`, the constant one first.
-    ///
-    /// # Errors
-    /// [`ExperimentError::Stopped`].
     pub fn features_at(&self, frames: &[usize], bench: &Bench<'_>) -> Result<Mat<f64>, ExperimentError> {
         let x = Mat::from_fn(self.frames.nrows(), frames.len(), |i, j| self.frames[(i, frames[j])]);
         apply(&self.model, x.as_ref(), bench)
@@ -181,9 +172,6 @@ pub struct Sampled<'a> {
 impl<'a> Sampled<'a> {
     /// About `count` transitions of the walk of a trained lab: for the thesis's iteration those that it took, for ours all
     /// kinds, since the agent learns from blocked moves, too.
-    ///
-    /// # Errors
-    /// [`ExperimentError::Stopped`].
     pub fn new(
         trained: &'a Trained<'a>,
         count: usize,
@@ -208,9 +196,6 @@ impl<'a> Sampled<'a> {
     }
 
     /// A policy for a task over the first `d` features.
-    ///
-    /// # Errors
-    /// None for features that are finite.
     pub fn fit(&self, d: usize, task: usize, iteration: Iteration) -> Result<Fit, ExperimentError> {
         let n = self.transitions.len();
         let d = d.min(self.phi.nrows());
@@ -226,9 +211,6 @@ impl<'a> Sampled<'a> {
 }
 
 /// Trips of a policy over the first features of a model.
-///
-/// # Errors
-/// Weights for more features than the model has.
 pub fn trips(
     model: &SlowModel<f32>,
     fit: &Fit,
