@@ -59,6 +59,10 @@ const TRUSTED: f64 = 1.0 / 16.0;
 const SETTLED: f64 = 1e-6;
 /// Sweeps until values must have settled, times `1 − γ`: what is left of the first ones then is e⁻²⁰.
 const SWEEPS: f64 = 20.0;
+/// However near to 1 γ is, no more sweeps than these.
+const MOST_SWEEPS: f64 = 1e5;
+/// Values may be as large as this, so that what a regression makes of them is finite.
+const LARGEST: f64 = 1e300;
 
 /// How values are estimated from those of neighbours.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -395,21 +399,25 @@ impl<'a> Local<'a> {
     /// What each transition is worth, for one task, as the one column of [`Fit::weights`]: for [`Instances::action_values`].
     ///
     /// Values stay within those that the rewards allow, so that they cannot run away where a regression extrapolates. Whether
-    /// they settled is in the result; regressions, unlike averages, are no contraction.
+    /// they settled is in the result; regressions, unlike averages, are no contraction, and there are at most 100 000 sweeps, which
+    /// may be too few for γ above 0.9998.
     ///
     /// # Errors
     /// Lists of other lengths than there are transitions, one after which nothing may follow, more than 32 actions, rewards that
-    /// are not finite, γ outside [0, 1).
+    /// are not finite or make values above 1e300, γ outside [0, 1).
     pub fn fit(&self, outcomes: &LocalOutcomes<'_>, gamma: f64) -> Result<Fit, ValueError> {
         discount(gamma)?;
         self.check(outcomes)?;
         let (n, actions) = (self.instances.len(), self.instances.counts.len());
         let (least, most) = outcomes.rewards.iter().fold((0.0f64, 0.0f64), |(l, m), &r| (l.min(r), m.max(r)));
         let (least, most) = (least / (1.0 - gamma), most / (1.0 - gamma));
+        if most.max(-least) > LARGEST {
+            return Err(ValueError::NotFinite(n));
+        }
         let mut worth = vec![0.0; n];
         let untried = (0..actions).filter(|&a| self.instances.counts[a] == 0).collect();
         let mut fit = Fit { weights: Mat::new(), iterations: 0, converged: false, cycle: None, untried };
-        for sweep in 1..=(SWEEPS / (1.0 - gamma)).ceil() as usize {
+        for sweep in 1..=(SWEEPS / (1.0 - gamma)).min(MOST_SWEEPS).ceil() as usize {
             let of = |i: usize| {
                 if outcomes.ended[i] {
                     return outcomes.rewards[i];

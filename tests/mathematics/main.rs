@@ -9,6 +9,7 @@ mod coherence;
 mod dictionary;
 mod ica;
 mod kernel;
+mod options;
 mod region;
 mod regression;
 mod selection;
