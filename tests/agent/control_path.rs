@@ -98,6 +98,36 @@ fn local_values_are_those_of_the_features() {
     assert!((known[0][(0, 0)] - known[1][(0, 0)]).abs() > 1e-3 && (known[0][(0, 0)] - known[0][(1, 0)]).abs() > 1e-3);
 }
 
+/// A run whose first actions happen to be all of two kinds, and rewards below 0: of the third nothing is known, and no one takes it.
+#[test]
+fn an_action_that_was_never_tried_is_not_chosen() {
+    let model = model(Kernel::gaussian(600.0).unwrap(), 147, 90, 25, 1);
+    let points = Mat::from_fn(12, 200, |i, j| ((i * 7 + j * 3) % 19) as f32 / 9.0 - 1.0);
+    let options = LocalOptions { neighbours: 8, ridge: 0.1 };
+    let instances = Arc::new(Instances::new(points, vec![100, 100, 0], options).unwrap());
+    let local =
+        Learned::local(1, 0, 0, model.clone(), instances, vec![Mat::from_fn(200, 1, |i, _| -1.0 - (i % 3) as f64)])
+            .unwrap();
+    let untried = Mat::from_fn(26, 3, |i, a| match (i, a) {
+        (0, 2) => f64::NEG_INFINITY,
+        (0, _) => -1.0,
+        (_, a) => 0.01 * a as f64,
+    });
+    let linear = Learned::new(1, 0, 0, model, vec![untried]).unwrap();
+    let mut rng = stream(8, "seen");
+    let seen: Vec<Observation> = (0..50).map(|_| observation(147, &mut rng)).collect();
+    for learned in [linear, local] {
+        let phi = learned.features(columns(seen.iter()).as_ref(), Par::Seq);
+        let of_features = learned.q_values_of(phi.as_ref()).swap_remove(0);
+        for (j, seen) in seen.iter().enumerate() {
+            let q = learned.q_values(seen, 0);
+            assert!(q[0].is_finite() && q[1].is_finite() && q[2] == f64::NEG_INFINITY, "{:?}", &q[..]);
+            assert!(of_features[(0, j)].is_finite() && of_features[(2, j)] == f64::NEG_INFINITY);
+            assert_ne!(reflexes().best(&q, Recent::default()).0, Action::TURN_RIGHT);
+        }
+    }
+}
+
 #[test]
 fn local_values_that_cannot_be_acted_on_are_refused() {
     let make = |instances: Arc<Instances>, worth: Mat<f64>| {
