@@ -10,6 +10,7 @@ use serde::Serialize;
 
 use super::steps::Steps;
 use super::{Ending, ReportArgs, folder, print, print_json};
+use crate::evaluate::RoomMaps;
 use crate::evaluate::{Evaluator, PoseDecode, TaskResult, Trip, decode_pose};
 use crate::log::log_files;
 use crate::policy::Learned;
@@ -17,7 +18,6 @@ use crate::report::draw::Picture;
 use crate::report::figures::Material;
 use crate::report::foreign::{self, Foreign};
 use crate::report::gather::{Gathered, ROOM};
-use crate::report::maps::RoomMaps;
 use crate::report::{Made, Numbered, PLOTS_NAME, REPORT_NAME, Room, make, write};
 use crate::scenario::Scenario;
 use crate::world::World;

@@ -6,12 +6,14 @@
 //! random stream of their own, never from states that were seen in training.
 
 mod decode;
+mod maps;
 mod optimal;
 mod reference;
 mod spans;
 mod trials;
 
 pub use decode::{PoseDecode, PoseError, decode_pose};
+pub use maps::{FEATURES, Fineness, Grid, HEADINGS, Map, RoomMaps, angle, features_of};
 pub use optimal::optimal_steps;
 pub use reference::reference_action;
 pub use spans::overlap;

@@ -11,7 +11,6 @@ pub mod figures;
 pub mod foreign;
 pub mod gather;
 mod make;
-pub mod maps;
 mod room;
 mod table;
 mod verdict;

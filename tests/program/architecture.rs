@@ -14,7 +14,13 @@ const PURE: &str = "kernel dictionary regression slow value";
 const BELOW_PURE: &str = "random snapshot";
 const CRATES_OF_PURE: &str = "faer pulp rand rand_chacha rand_distr libm thiserror serde serde_json rayon";
 /// What nothing in a folder imports.
-const APART: [(&str, &str); 2] = [("agent::runtime", "agent::actors"), ("agent::runtime", "agent::run")];
+const APART: [(&str, &str); 5] = [
+    ("agent::runtime", "agent::actors"),
+    ("agent::runtime", "agent::run"),
+    ("agent", "world"),
+    ("replay", "world"),
+    ("export", "world"),
+];
 
 /// Words, `::` and other signs with their lines; no comments and no literals.
 fn tokens(source: &str) -> Vec<(usize, &str)> {

@@ -14,7 +14,7 @@ pub use chart::{Axis, Chart, Line, Mark as Stroke};
 pub use gallery::{Picture, gallery};
 pub use image::{data_url, enlarged, png_bytes, thinned};
 pub use page::{Page, Table, escape};
-pub use panels::{Colours, Grid, Mark, Panel, Panels};
+pub use panels::{Colours, Mark, Panel, Panels};
 pub use raster::png;
 
 use plotters::coord::Shift;

@@ -7,35 +7,7 @@ use super::chart::{Entry, key, key_height};
 use super::{
     Area, DrawError, Drawn, INK, SMALL, TEXT, TOP, WIDTH, behind, data_url, png_bytes, sheet, short, text, width_of,
 };
-
-/// Points on an even grid in a box, row by row from the lowest y, each from the lowest x.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Grid {
-    /// Points along x.
-    pub columns: usize,
-    /// Points along y.
-    pub rows: usize,
-    /// Lowest corner of the box; the points are the centres of its cells.
-    pub low: [f64; 2],
-    /// Highest corner.
-    pub high: [f64; 2],
-}
-
-impl Grid {
-    /// Distance of neighbours along x and y.
-    pub fn step(&self) -> [f64; 2] {
-        [(self.high[0] - self.low[0]) / self.columns as f64, (self.high[1] - self.low[1]) / self.rows as f64]
-    }
-
-    /// All points in their order.
-    pub fn points(self) -> impl Iterator<Item = [f64; 2]> {
-        let step = self.step();
-        let at = move |i: usize, j: usize| {
-            [self.low[0] + (i as f64 + 0.5) * step[0], self.low[1] + (j as f64 + 0.5) * step[1]]
-        };
-        (0..self.rows).flat_map(move |j| (0..self.columns).map(move |i| at(i, j)))
-    }
-}
+use crate::evaluate::Grid;
 
 /// What the colours of a grid's values mean.
 #[derive(Debug, Clone)]

@@ -4,8 +4,8 @@ use faer::Mat;
 
 use super::policy::headings;
 use super::{Figure, Item, Material, Section};
+use crate::evaluate::{FEATURES, HEADINGS, RoomMaps, angle, features_of};
 use crate::report::draw::{Axis, Chart, Colours, DrawError, Line, Mark, Panel, Panels, SERIES, Stroke};
-use crate::report::maps::{FEATURES, HEADINGS, RoomMaps, angle, features_of};
 use crate::robot::wrap;
 use crate::slow::theory::{Axis as Side, MOST_RESPONSES, OptimalResponses, plane_motion};
 use crate::vision::Observation;

@@ -10,8 +10,8 @@ mod trials;
 
 use super::draw::{DrawError, Mark, PATH, Picture, Table};
 use super::gather::{CELL, Gathered};
-use super::maps::RoomMaps;
 use super::room::Room;
+use crate::evaluate::RoomMaps;
 use crate::evaluate::{PoseDecode, TaskResult, Trip};
 use crate::policy::Learned;
 

@@ -3,10 +3,10 @@
 use plotters::style::{Color, RGBColor};
 
 use super::{Figure, Item, Material, Section, file_name};
+use crate::evaluate::{Grid, HEADINGS, Map, RoomMaps, angle};
 use crate::report::Numbered;
-use crate::report::draw::{Colours, DrawError, GOAL, Grid, INK, Mark, PATH, Panel, Panels, SERIES, ends};
+use crate::report::draw::{Colours, DrawError, GOAL, INK, Mark, PATH, Panel, Panels, SERIES, ends};
 use crate::report::gather::CELL;
-use crate::report::maps::{HEADINGS, Map, RoomMaps, angle};
 use crate::report::room::HATCH;
 use crate::scenario::in_goal;
 

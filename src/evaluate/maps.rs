@@ -5,7 +5,6 @@ use std::f64::consts::TAU;
 use faer::Par;
 use rayon::prelude::*;
 
-use super::draw::Grid;
 use crate::policy::{Learned, columns};
 use crate::robot::Pose;
 use crate::scenario::{Detail, Scenario};
@@ -31,7 +30,7 @@ const BLOCK: usize = 32;
 /// More products than this, and the grid is made coarser: some ten seconds of two cores.
 const MOST_PRODUCTS: f64 = 2e12;
 
-/// How finely a room_maps looks.
+/// How fine maps are.
 #[derive(Debug, Clone, Copy)]
 pub struct Fineness {
     /// Places along the longer and the shorter side of the room.
@@ -49,6 +48,35 @@ impl Fineness {
 
 /// Camera images of more pixels are rendered as coarsely as vision allows.
 const MOST_PIXELS: usize = 640 * 480;
+
+/// Points on an even grid in a box, row by row from the lowest y, each from the lowest x.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Grid {
+    /// Points along x.
+    pub columns: usize,
+    /// Points along y.
+    pub rows: usize,
+    /// Lowest corner of the box; the points are the centres of its cells.
+    pub low: [f64; 2],
+    /// Highest corner.
+    pub high: [f64; 2],
+}
+
+impl Grid {
+    /// Distance of neighbours along x and y.
+    pub fn step(&self) -> [f64; 2] {
+        [(self.high[0] - self.low[0]) / self.columns as f64, (self.high[1] - self.low[1]) / self.rows as f64]
+    }
+
+    /// All points in their order.
+    pub fn points(self) -> impl Iterator<Item = [f64; 2]> {
+        let step = self.step();
+        let at = move |i: usize, j: usize| {
+            [self.low[0] + (i as f64 + 0.5) * step[0], self.low[1] + (j as f64 + 0.5) * step[1]]
+        };
+        (0..self.rows).flat_map(move |j| (0..self.columns).map(move |i| at(i, j)))
+    }
+}
 
 /// Numbers of a map, one for each place; NaN where the robot cannot be.
 pub type Map = Vec<f64>;
@@ -104,7 +132,7 @@ impl RoomMaps {
             let pose = |i: usize, h: usize| Pose::new(places[i].into(), angle(h));
             let mut poses: Vec<Pose> = block.iter().flat_map(|&i| (0..HEADINGS).map(move |h| pose(i, h))).collect();
             let observe = |_: &mut Pose, image: &mut Image| observe(image, &scenario.vision, 0);
-            appearance(learned, &seen_by.see_all(frame, &mut poses, |&pose| (pose, 0), observe), shown)
+            looks_of(learned, &seen_by.see_all(frame, &mut poses, |&pose| (pose, 0), observe), shown)
         };
         let looked: Vec<Vec<Look>> = inside.par_chunks(BLOCK).map(look).collect();
         let empty = || std::array::from_fn(|_| vec![f64::NAN; places.len()]);
@@ -141,7 +169,7 @@ impl RoomMaps {
     }
 }
 
-/// The places of a room_maps, the longer side along the room's.
+/// The places of the maps, the longer side along the room's.
 fn grid(fineness: Fineness, world: &World, learned: &Learned) -> Grid {
     let (low, high) = world.plan.reachable_box();
     let size = high - low;
@@ -158,7 +186,7 @@ fn grid(fineness: Fineness, world: &World, learned: &Learned) -> Grid {
 }
 
 /// Features of observations, and what the policies make of them.
-fn appearance(learned: &Learned, seen: &[Observation], shown: usize) -> Vec<Look> {
+fn looks_of(learned: &Learned, seen: &[Observation], shown: usize) -> Vec<Look> {
     let phi = learned.features(columns(seen.iter()).as_ref(), Par::Seq);
     let values = learned.q_values_of(phi.as_ref());
     let best = |values: &faer::Mat<f64>, j: usize| {
@@ -177,5 +205,5 @@ fn appearance(learned: &Learned, seen: &[Observation], shown: usize) -> Vec<Look
 /// Features of recorded observations, `shown` for each, where there is no world to look at.
 pub fn features_of(learned: &Learned, seen: &[Observation], shown: usize) -> Vec<Vec<f64>> {
     let blocks = seen.par_chunks(BLOCK * HEADINGS);
-    blocks.flat_map_iter(|block| appearance(learned, block, shown)).map(|look| look.features).collect()
+    blocks.flat_map_iter(|block| looks_of(learned, block, shown)).map(|look| look.features).collect()
 }
