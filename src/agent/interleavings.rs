@@ -17,7 +17,7 @@ use super::runtime::interleaving::Interleaving;
 use super::runtime::marker::SnapshotSettings;
 use super::{Outcome, RecordedEvents, RunOptions, Status};
 use crate::log::messages::{Decision, FrameTaken, ModelRequest, ModelUpdate};
-use crate::log::run::{Nowhere, Repeating};
+use crate::log::run::{NullStorage, Repeating};
 use crate::log::{Expected, LogOptions, LogReader, Record, Rotation, RunLog, Storage, topics};
 use crate::random::stream;
 use crate::robot::Action;
@@ -166,7 +166,7 @@ fn log_in(storage: impl Storage + 'static) -> RunLog {
 }
 
 /// Everything that a log says.
-struct Said {
+struct LogContents {
     expected: Expected,
     frames: Vec<u64>,
     decisions: Vec<Decision>,
@@ -175,9 +175,9 @@ struct Said {
     warnings: usize,
 }
 
-fn said(log: &Memory) -> Said {
+fn said(log: &Memory) -> LogContents {
     let bytes = log.0.lock().unwrap().clone();
-    let mut all = Said {
+    let mut all = LogContents {
         expected: Expected::default(),
         frames: Vec::new(),
         decisions: Vec::new(),
@@ -258,7 +258,7 @@ fn in_lockstep_every_order_gives_the_same_messages_on_every_topic() {
             keep,
             recording: None,
         };
-        let (outcome, given) = run.go(log_in(Nowhere).expecting(expected.clone(), Repeating::Write));
+        let (outcome, given) = run.go(log_in(NullStorage).expecting(expected.clone(), Repeating::Write));
         assert_eq!((outcome.frames, outcome.actions, given), (FRAMES, ACTIONS as u64, FRAMES));
         assert_eq!(outcome.learned.expect("a model").digest(), digest);
         let repeated = outcome.log.expected.unwrap();

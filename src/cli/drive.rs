@@ -15,7 +15,7 @@ use crate::agent::{
 };
 use crate::evaluate::{Evaluator, decode_pose};
 use crate::live::SetWhenDropped;
-use crate::live::serve::{Server, Stage};
+use crate::live::serve::{ServedRun, Server};
 use crate::log::{Folder, LogOptions, Rotation, RunLog};
 use crate::report::gather::ROOM;
 use crate::report::{ComputedBy, Origin, Program, Report, table};
@@ -122,7 +122,7 @@ impl<'a> Drive<'a> {
                 None => run(),
                 Some(server) => {
                     let (run_folder, stop) = (self.run, self.stop);
-                    let stage = Stage { run: run_folder, scenario, world, controls: &controls, stop };
+                    let stage = ServedRun { run: run_folder, scenario, world, controls: &controls, stop };
                     server.beside(&stage, run)
                 }
             }
@@ -176,7 +176,7 @@ impl<'a> Drive<'a> {
         let without = outcome.without_model.clone();
         let without = || without.unwrap_or_else(|| "the run ended before its first model".to_owned());
         let learned = outcome.learned.as_deref().ok_or_else(without);
-        let known = report::Known { scenario, world, simulated: self.evaluate, learned, trials, pose };
+        let known = report::RunContext { scenario, world, simulated: self.evaluate, learned, trials, pose };
         // The report shows what is kept elsewhere already: a run does not fail for it.
         if let Err(reason) = report::at_end(self.run, &known, self.quiet) {
             eprintln!("warning: there is no new report.html: {reason}");

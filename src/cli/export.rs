@@ -12,7 +12,7 @@ use crate::scenario::Scenario;
 /// Write a recorded run as arrays for Python, and its images as PNG.
 pub fn export(args: &ExportArgs) -> Result<(), Ending> {
     let about = written(args)?;
-    if args.json { print_json(&about) } else { print(&told(args, &about)) }?;
+    if args.json { print_json(&about) } else { print(&summary(args, &about)) }?;
     if about.damaged == 0 {
         return Ok(());
     }
@@ -65,7 +65,7 @@ fn fits(model: &Model, scenario: &Scenario) -> Result<(), Ending> {
     )))
 }
 
-fn told(args: &ExportArgs, about: &About) -> String {
+fn summary(args: &ExportArgs, about: &About) -> String {
     let mut text = format!("{} frames of {}\n", Numbered(about.frames), about.run);
     if let Some(model) = &about.model {
         text += &format!("features and values by model {} of {}\n", model.epoch, model.path);

@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 use serde::Serialize;
 
 use crate::agent::{RunError, RunOptions, Status, checkpoint_bytes, run};
-use crate::log::Nowhere;
+use crate::log::NullStorage;
 use crate::log::{LogError, LogOptions, Rotation, RunLog};
 use crate::scenario::{Method, Mode, Scenario, WhenBehind};
 use crate::world::Simulated;
@@ -108,5 +108,5 @@ impl LogForecast {
 }
 
 fn open(options: &LogOptions, metadata: &BTreeMap<String, String>) -> Result<RunLog, LogError> {
-    RunLog::create(Nowhere, options, Rotation::NEVER, metadata)
+    RunLog::create(NullStorage, options, Rotation::NEVER, metadata)
 }

@@ -11,7 +11,7 @@ use crate::log::topics;
 use crate::report::Origin;
 use crate::scenario::Scenario;
 use crate::source::Imported;
-use crate::source::imported::{ImportError, Roles, Survey, frames_per_action};
+use crate::source::imported::{ImportError, LogContents, Roles, frames_per_action};
 use crate::world::World;
 
 /// Fewest actions that a scenario may have.
@@ -24,7 +24,7 @@ pub fn import(args: &ReplayArgs, file: &Path, stop: &AtomicBool) -> Result<(), E
         eprintln!("warning: {damage}");
     }
     if !args.quiet {
-        eprintln!("{}", told(&roles, &scenario));
+        eprintln!("{}", summary(&roles, &scenario));
     }
     let scenario = Arc::new(scenario);
     let world = Arc::new(World::new(&scenario)?);
@@ -48,14 +48,14 @@ pub fn import(args: &ReplayArgs, file: &Path, stop: &AtomicBool) -> Result<(), E
 
 /// What the log holds, which topic is what, and the scenario with what follows from the log: the run ends with the log, and
 /// has as many frames in an action as images come. `--set` has the last word in both.
-fn prepare(args: &ReplayArgs, file: &Path) -> Result<(Survey, Roles, Scenario), Ending> {
+fn prepare(args: &ReplayArgs, file: &Path) -> Result<(LogContents, Roles, Scenario), Ending> {
     let wanted = Scenario::load(file, &args.set).map_err(|error| Ending::Usage(error.to_string()))?;
     wanted.notes.iter().for_each(|note| eprintln!("note: {}: {note}", file.display()));
     let refuse = |error: ImportError| match error {
         ImportError::Topic { .. } | ImportError::Rate(_) => Ending::Usage(error.to_string()),
         _ => error.into(),
     };
-    let survey = Survey::of(&args.run, wanted.topics.stamps).map_err(refuse)?;
+    let survey = LogContents::of(&args.run, wanted.topics.stamps).map_err(refuse)?;
     if survey.topics.contains_key(topics::FRAME.name()) {
         return Err(Ending::Usage(format!(
             "{} is a log of our own, which has its scenario in it: replay it without --scenario, and change what is to be \
@@ -78,7 +78,7 @@ fn prepare(args: &ReplayArgs, file: &Path) -> Result<(Survey, Roles, Scenario), 
 }
 
 /// Which topic is what, for people.
-fn told(roles: &Roles, scenario: &Scenario) -> String {
+fn summary(roles: &Roles, scenario: &Scenario) -> String {
     let name = |role: &Option<String>| role.clone().unwrap_or_else(|| "none".to_owned());
     let actions = match &roles.action {
         Some(topic) => format!("actions {topic}"),

@@ -9,7 +9,7 @@ use super::drive::{self, Drive, log_options, watched};
 use super::{Ending, ReplayArgs, folder, import, print, print_json};
 use crate::agent::{self, RunOptions};
 use crate::log::RunLog;
-use crate::log::run::{Nowhere, Repeating};
+use crate::log::run::{NullStorage, Repeating};
 use crate::replay::{Recording, ShownDifference, show};
 use crate::report::{Numbered, Origin};
 use crate::scenario::Scenario;
@@ -119,7 +119,7 @@ fn verify(
             recording.first_frame
         )));
     }
-    told(args, &compared(args, recording, &scenario, world, stop)?)
+    summary(args, &compared(args, recording, &scenario, world, stop)?)
 }
 
 fn compared(
@@ -130,7 +130,7 @@ fn compared(
     stop: &AtomicBool,
 ) -> Result<Verified, Ending> {
     let (options, rotation) = log_options(scenario);
-    let log = RunLog::create(Nowhere, &options, rotation, &recording.metadata)?;
+    let log = RunLog::create(NullStorage, &options, rotation, &recording.metadata)?;
     let log = log.expecting(recording.expected(), Repeating::Write);
     let mut source = Recorded::new(scenario.clone(), recording.records());
     // A recording that was not closed may end in the middle of an action, or before a decision.
@@ -157,7 +157,7 @@ fn compared(
     })
 }
 
-fn told(args: &ReplayArgs, verified: &Verified) -> Result<(), Ending> {
+fn summary(args: &ReplayArgs, verified: &Verified) -> Result<(), Ending> {
     let text = match &verified.first_difference {
         _ if args.json => String::new(),
         Some(difference) => {

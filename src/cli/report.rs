@@ -26,7 +26,7 @@ use crate::world::World;
 pub const NOT_TRIED: &str = "the room that was seen is not the simulated one, or there is no model";
 
 /// What is known of a run beside its log.
-pub struct Known<'a> {
+pub struct RunContext<'a> {
     pub scenario: &'a Scenario,
     pub world: &'a World,
     /// Whether its frames are from the scenario's simulated world.
@@ -39,7 +39,7 @@ pub struct Known<'a> {
 }
 
 /// Write the report of a run that has ended into its folder; a report of an earlier part of the run is replaced.
-pub fn at_end(run: &Path, known: &Known<'_>, quiet: bool) -> Result<(), String> {
+pub fn at_end(run: &Path, known: &RunContext<'_>, quiet: bool) -> Result<(), String> {
     let begin = Instant::now();
     let page = run.join(REPORT_NAME);
     if page.exists() && !is_ours(&page) {
@@ -75,7 +75,7 @@ fn read(files: Vec<PathBuf>, steps: &Steps) -> Result<Gathered, String> {
     Gathered::of(files, &tell).map_err(|e| e.to_string())
 }
 
-impl Known<'_> {
+impl RunContext<'_> {
     fn make(
         &self,
         gathered: &Gathered,
@@ -119,7 +119,7 @@ impl Known<'_> {
 
 /// What `--json` prints.
 #[derive(Serialize)]
-struct Told {
+struct RunSummary {
     report: String,
     plots: Vec<String>,
     verdict: &'static str,
@@ -133,7 +133,7 @@ struct Told {
 /// Make a report of a run or log.
 pub fn report(args: &ReportArgs) -> Result<(), Ending> {
     let (made, gathered, out) = made(args)?;
-    told(args, made, &gathered, &out)
+    summary(args, made, &gathered, &out)
 }
 
 fn made(args: &ReportArgs) -> Result<(Made, Gathered, PathBuf), Ending> {
@@ -165,8 +165,8 @@ fn of_run(args: &ReportArgs, files: &[PathBuf], gathered: &Gathered, steps: &Ste
         Err(ending) => return Err(ending),
     };
     // A log whose first record is damaged does not say which scenario it was; its checkpoint does, and so does the folder.
-    let told = gathered.metadata.get("scenario").cloned();
-    let text = told.or_else(|| fs::read_to_string(args.run.join("scenario.toml")).ok());
+    let logged = gathered.metadata.get("scenario").cloned();
+    let text = logged.or_else(|| fs::read_to_string(args.run.join("scenario.toml")).ok());
     let near = files.first().unwrap_or(&args.run);
     let parsed = match (text, &learned) {
         (Some(text), _) => Scenario::parse(&text, near, &[]).map_err(|e| e.to_string()),
@@ -191,7 +191,7 @@ fn of_run(args: &ReportArgs, files: &[PathBuf], gathered: &Gathered, steps: &Ste
         Ok(known) => known,
         Err(reason) => {
             losses.push(("the room and its tasks are not known".to_owned(), reason));
-            let without = Without { reason: "its room and tasks are not known", pictures: &[], losses: &losses };
+            let without = RoomlessReport { reason: "its room and tasks are not known", pictures: &[], losses: &losses };
             return without.make(args, gathered, learned.as_ref().map_err(Clone::clone), steps);
         }
     };
@@ -206,7 +206,7 @@ fn of_run(args: &ReportArgs, files: &[PathBuf], gathered: &Gathered, steps: &Ste
         pose = decode_pose(&scenario, &world, learned, scenario.seed).ok();
     }
     let learned = learned.as_ref().map_err(Clone::clone);
-    let known = Known { scenario: &scenario, world: &world, simulated, learned, trials, pose };
+    let known = RunContext { scenario: &scenario, world: &world, simulated, learned, trials, pose };
     known.make(gathered, &args.run, losses, steps).map_err(Ending::Failed)
 }
 
@@ -228,18 +228,18 @@ fn of_other(args: &ReportArgs, files: Vec<PathBuf>, gathered: &mut Gathered, ste
         ));
     }
     let reason = "another program wrote the log, and nothing was learned in it";
-    Without { reason, pictures: &pictures, losses: &losses }.make(args, gathered, Err(reason.to_owned()), steps)
+    RoomlessReport { reason, pictures: &pictures, losses: &losses }.make(args, gathered, Err(reason.to_owned()), steps)
 }
 
 /// What is shown of a log without a room.
-struct Without<'a> {
+struct RoomlessReport<'a> {
     /// Why there is no room.
     reason: &'static str,
     pictures: &'a [Picture],
     losses: &'a [(String, String)],
 }
 
-impl Without<'_> {
+impl RoomlessReport<'_> {
     fn make(
         &self,
         args: &ReportArgs,
@@ -283,12 +283,12 @@ fn place(args: &ReportArgs) -> Result<PathBuf, Ending> {
     folder::numbered(&args.run.with_file_name(format!("{stem}-report")), make)
 }
 
-fn told(args: &ReportArgs, made: Made, gathered: &Gathered, out: &Path) -> Result<(), Ending> {
+fn summary(args: &ReportArgs, made: Made, gathered: &Gathered, out: &Path) -> Result<(), Ending> {
     let page = out.join(REPORT_NAME).display().to_string();
     let plot = |name: &str| out.join(PLOTS_NAME).join(format!("{name}.svg")).display().to_string();
     let Made { verdict, figures, missing, .. } = made;
     if args.json {
-        print_json(&Told {
+        print_json(&RunSummary {
             report: page,
             plots: figures.iter().map(|figure| plot(&figure.name)).collect(),
             verdict: verdict.class,

@@ -8,13 +8,13 @@ use super::run::{Extras, in_folder, load};
 use super::{Ending, SoakArgs, drive, folder, print, print_json};
 use crate::log::{Ending as LogEnding, log_files, summarise};
 use crate::report::Report;
-use crate::scenario::{Change, Happens, Scenario};
-use crate::soak::{Sampler, Soak, judge, page};
+use crate::scenario::{Change, ChangeKind, Scenario};
+use crate::soak::{Sampler, Soak, check_rules, page};
 
 /// Longest soak test, hours: ten years.
 const MOST_HOURS: f64 = 87_600.0;
 
-/// Run a scenario for so many hours of driving, watched, and judge the run.
+/// Run a scenario for so many hours of driving, watched, and check_rules the run.
 pub fn soak(args: &SoakArgs, stop: &AtomicBool) -> Result<(), Ending> {
     if !(args.hours > 0.0 && args.hours <= MOST_HOURS) {
         return Err(Ending::Usage(format!("--hours {} is not allowed: it must be in (0, {MOST_HOURS}]", args.hours)));
@@ -58,7 +58,7 @@ fn judged(scenario: &Scenario, run: &Path, report: &Report, sampler: &Sampler) -
     let per_action = scenario.robot.frames_per_action;
     let lost = |change: &Change| match change.what {
         // All but the last ones of actions, up to the end of the run.
-        Happens::Lose { frames } => {
+        ChangeKind::Lose { frames } => {
             let frames = frames.min((done as usize).saturating_sub(change.action) * per_action);
             (frames - frames / per_action) as u64
         }
@@ -66,7 +66,7 @@ fn judged(scenario: &Scenario, run: &Path, report: &Report, sampler: &Sampler) -
     };
     let lost_on_purpose = happened.map(lost).sum();
     let hours: Vec<f64> = changes.iter().map(|change| change.0).collect();
-    let rules = judge(&samples, &curve, &damage, lost_on_purpose, &hours);
+    let rules = check_rules(&samples, &curve, &damage, lost_on_purpose, &hours);
     let soak = Soak {
         scenario: scenario.name.clone(),
         seed: scenario.seed,

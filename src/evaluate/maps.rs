@@ -102,7 +102,7 @@ pub fn angle(heading: usize) -> f64 {
 }
 
 /// What one place shows at one heading: features, then for each task the value and number of the best action.
-struct Look {
+struct View {
     features: Vec<f64>,
     tasks: Vec<(f64, usize)>,
 }
@@ -128,13 +128,13 @@ impl RoomMaps {
         let places: Vec<[f64; 2]> = grid.points().collect();
         let inside: Vec<usize> = (0..places.len()).filter(|&i| world.plan.is_reachable(places[i].into())).collect();
         let shown = FEATURES.min(learned.model.slowness.len());
-        let look = |block: &[usize]| -> Vec<Look> {
+        let look = |block: &[usize]| -> Vec<View> {
             let pose = |i: usize, h: usize| Pose::new(places[i].into(), angle(h));
             let mut poses: Vec<Pose> = block.iter().flat_map(|&i| (0..HEADINGS).map(move |h| pose(i, h))).collect();
             let observe = |_: &mut Pose, image: &mut Image| observe(image, &scenario.vision, 0);
             looks_of(learned, &seen_by.see_all(frame, &mut poses, |&pose| (pose, 0), observe), shown)
         };
-        let looked: Vec<Vec<Look>> = inside.par_chunks(BLOCK).map(look).collect();
+        let looked: Vec<Vec<View>> = inside.par_chunks(BLOCK).map(look).collect();
         let empty = || std::array::from_fn(|_| vec![f64::NAN; places.len()]);
         let tasks = learned.weights.len();
         let mut room_maps = RoomMaps {
@@ -186,7 +186,7 @@ fn grid(fineness: Fineness, world: &World, learned: &Learned) -> Grid {
 }
 
 /// Features of observations, and what the policies make of them.
-fn looks_of(learned: &Learned, seen: &[Observation], shown: usize) -> Vec<Look> {
+fn looks_of(learned: &Learned, seen: &[Observation], shown: usize) -> Vec<View> {
     let phi = learned.features(columns(seen.iter()).as_ref(), Par::Seq);
     let values = learned.q_values_of(phi.as_ref());
     let best = |values: &faer::Mat<f64>, j: usize| {
@@ -194,7 +194,7 @@ fn looks_of(learned: &Learned, seen: &[Observation], shown: usize) -> Vec<Look> 
         q.fold((f64::NEG_INFINITY, 0), |best, (a, q)| if q > best.0 { (q, a) } else { best })
     };
     (0..seen.len())
-        .map(|j| Look {
+        .map(|j| View {
             // The first feature is the constant one.
             features: (0..shown).map(|i| phi[(i + 1, j)]).collect(),
             tasks: values.iter().map(|values| best(values, j)).collect(),

@@ -17,7 +17,7 @@ pub use maps::{FEATURES, Fineness, Grid, HEADINGS, Map, RoomMaps, angle, feature
 pub use optimal::optimal_steps;
 pub use reference::reference_action;
 pub use spans::overlap;
-pub use trials::{Evaluator, Situation, TaskResult, Trip, Unaided};
+pub use trials::{Evaluator, Situation, TaskResult, Trip, WithoutReflexes};
 
 use nalgebra::{Point2, Vector2};
 use rand::RngExt;

@@ -14,7 +14,7 @@ use crate::policy::{Learned, Recent, Reflexes, columns};
 use crate::random::{fix_parallelism, stream};
 use crate::robot::{Action, ActionSet, ActionValues, Pose};
 use crate::scenario::in_goal;
-use crate::scenario::{Happens, Scenario, Task};
+use crate::scenario::{ChangeKind, Scenario, Task};
 use crate::vision::{Observation, Observer, observe};
 use crate::world::{Robot, Sensor, World};
 
@@ -45,12 +45,12 @@ pub struct TaskResult {
     /// Sequences left–right–left–right (or the reverse) per 1000 actions.
     pub dithers_per_1000: f64,
     /// The same starts without reflexes, with the same weights, which count on the reflexes.
-    pub without_reflexes: Option<Unaided>,
+    pub without_reflexes: Option<WithoutReflexes>,
 }
 
 /// What the policy reaches without reflexes.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Unaided {
+pub struct WithoutReflexes {
     /// Share of trials that arrived.
     pub success: f64,
     /// Steps of the trials that arrived, mean.
@@ -117,7 +117,7 @@ struct Outcome {
 }
 
 /// A task with its goal at a place, fixed starts outside of it, and what they come to at best.
-struct Course {
+struct TrialTask {
     task: Task,
     starts: Vec<Pose>,
     optimal: Vec<Option<usize>>,
@@ -132,9 +132,9 @@ pub struct Evaluator {
     seed: u64,
     count: usize,
     /// The tasks as they are at first.
-    courses: Vec<Arc<Course>>,
+    courses: Vec<Arc<TrialTask>>,
     /// Those that were met with their goals elsewhere.
-    moved: Mutex<Vec<Arc<Course>>>,
+    moved: Mutex<Vec<Arc<TrialTask>>>,
     /// What a camera without noise sees at all starts, in the world as it looks at first.
     seen: OnceLock<Vec<Observation>>,
 }
@@ -150,7 +150,7 @@ impl Evaluator {
     }
 
     /// Draw the starts of a task and see what they come to.
-    fn plan(&self, task: Task) -> Arc<Course> {
+    fn plan(&self, task: Task) -> Arc<TrialTask> {
         let plan = &self.world.plan;
         let cells: Vec<Point2<f64>> = plan.reachable_cells().collect();
         let mut rng = stream(self.seed, &format!("evaluate: starts of {}", task.name));
@@ -158,13 +158,13 @@ impl Evaluator {
             (0..self.count).map(|_| draw_pose(plan, &cells, &mut rng, |position| in_goal(&task, position))).collect();
         let (arena, robot, most) = (&self.world.arena, &self.scenario.robot, self.scenario.evaluate.max_steps);
         let optimal = starts.par_iter().map(|&pose| optimal_steps(arena, robot, &task, pose, most)).collect();
-        let mut course = Course { task, starts, optimal, reference: 0.0 };
+        let mut course = TrialTask { task, starts, optimal, reference: 0.0 };
         course.reference = self.reference_success(&course);
         Arc::new(course)
     }
 
     /// The tasks as they are right behind the last frame that a model knows. A goal that lies where nobody can start outside of it stays where it was at first.
-    fn courses(&self, learned: &Learned) -> Vec<Arc<Course>> {
+    fn courses(&self, learned: &Learned) -> Vec<Arc<TrialTask>> {
         let mut goals: Vec<[f64; 2]> = self.scenario.tasks.iter().map(|task| task.goal).collect();
         if learned.goals.len() == goals.len() {
             goals.clone_from(&learned.goals);
@@ -172,14 +172,14 @@ impl Evaluator {
         let per_action = self.scenario.robot.frames_per_action as u64;
         for change in &self.scenario.changes {
             // During the action before which it moves, the model may not know it yet: see [`Change`](crate::scenario::Change).
-            if let Happens::Goal { task, goal } = change.what
+            if let ChangeKind::Goal { task, goal } = change.what
                 && (0..per_action)
                     .contains(&(learned.asked_at + 1).wrapping_sub(change.first_frame(&self.scenario.robot)))
             {
                 goals[task] = goal;
             }
         }
-        let at = |(course, goal): (&Arc<Course>, [f64; 2])| {
+        let at = |(course, goal): (&Arc<TrialTask>, [f64; 2])| {
             let plan = &self.world.plan;
             let (centre, radius) = (Point2::from(goal), course.task.radius);
             if goal == course.task.goal || !plan.reaches_circle(centre, radius) || !plan.leaves_circle(centre, radius) {
@@ -231,7 +231,7 @@ impl Evaluator {
         phi.subrows(1, most.min(phi.ncols() / 4).min(phi.nrows().saturating_sub(1))).to_owned()
     }
 
-    fn result(&self, course: &Course, outcome: &Outcome, unaided: Option<&Outcome>) -> TaskResult {
+    fn result(&self, course: &TrialTask, outcome: &Outcome, unaided: Option<&Outcome>) -> TaskResult {
         let optimal = &course.optimal;
         let n = optimal.len();
         let arrived = outcome.steps.iter().flatten().count();
@@ -252,7 +252,7 @@ impl Evaluator {
             convergence_quality: self.quality(course, outcome),
             reference_success: course.reference,
             dithers_per_1000: outcome.dithers_per_1000(),
-            without_reflexes: unaided.map(|outcome| Unaided {
+            without_reflexes: unaided.map(|outcome| WithoutReflexes {
                 success: outcome.steps.iter().flatten().count() as f64 / n as f64,
                 mean_steps: outcome.mean_steps(),
                 convergence_quality: self.quality(course, outcome),
@@ -262,7 +262,7 @@ impl Evaluator {
     }
 
     /// The thesis's convergence quality (definition *conv_qual*), against the optimal number of steps.
-    fn quality(&self, course: &Course, outcome: &Outcome) -> f64 {
+    fn quality(&self, course: &TrialTask, outcome: &Outcome) -> f64 {
         let gamma = self.scenario.value.gamma;
         let ratios = outcome.steps.iter().zip(&course.optimal).map(|(steps, best)| match (steps, best) {
             // Noise can make a trial shorter than the noise-free optimum: that counts as optimal.
@@ -274,7 +274,7 @@ impl Evaluator {
         ratios.sum::<f64>() / outcome.steps.len() as f64
     }
 
-    fn run(&self, learned: &Learned, task: usize, course: &Course, reflexes: Reflexes) -> Vec<Trial> {
+    fn run(&self, learned: &Learned, task: usize, course: &TrialTask, reflexes: Reflexes) -> Vec<Trial> {
         let greedy = |situation: &Situation<'_>| {
             // These trials have a camera.
             let values = situation.seen.map_or(ActionValues::new([]), |seen| learned.q_values(seen, task));
@@ -296,7 +296,7 @@ impl Evaluator {
     /// world looks; without it there is no camera.
     fn drive(
         &self,
-        course: &Course,
+        course: &TrialTask,
         frame: Option<u64>,
         choose: &(dyn Fn(&Situation<'_>) -> Action + Sync),
     ) -> Vec<Trial> {
@@ -328,7 +328,7 @@ impl Evaluator {
         trials
     }
 
-    fn reference_success(&self, course: &Course) -> f64 {
+    fn reference_success(&self, course: &TrialTask) -> f64 {
         let goal = Point2::from(course.task.goal);
         let mut trials = self.begin(course);
         for trial in &mut trials {
@@ -341,7 +341,7 @@ impl Evaluator {
     }
 
     /// Robots at the starts, each with noise of its own, the same for every policy.
-    fn begin(&self, course: &Course) -> Vec<Trial> {
+    fn begin(&self, course: &TrialTask) -> Vec<Trial> {
         let name = &course.task.name;
         let begin = |(index, &pose): (usize, &Pose)| {
             let noise = |what: &str| stream(self.seed, &format!("evaluate: {what} of {name}, trial {index}"));
@@ -382,7 +382,7 @@ impl Evaluator {
     }
 }
 
-impl Course {
+impl TrialTask {
     fn ways(&self, trials: Vec<Trial>) -> Vec<Trip> {
         let way = |(trial, &optimal): (Trial, &Option<usize>)| {
             let Trial { poses, arrived, .. } = trial;

@@ -29,7 +29,7 @@ pub struct Cache {
 
 /// What is kept of one setting.
 #[derive(Debug, Serialize, Deserialize)]
-pub struct Kept<S, R> {
+pub struct Cached<S, R> {
     /// The experiment.
     pub experiment: String,
     /// What was computed.
@@ -101,7 +101,7 @@ impl Cache {
             Err(cause) => return Err(ExperimentError::file("read", &path)(cause)),
         }
         let begin = Instant::now();
-        let kept = Kept {
+        let kept = Cached {
             experiment: experiment.to_owned(),
             settings,
             result: compute()?,
@@ -136,7 +136,7 @@ fn whole<R: DeserializeOwned>(text: &str) -> Result<(R, Option<String>), String>
     if head.sha256 != digest(body) {
         return Err("its contents do not have the hash that its first line says".into());
     }
-    let kept: Kept<serde::de::IgnoredAny, R> = serde_json::from_str(text).map_err(|error| error.to_string())?;
+    let kept: Cached<serde::de::IgnoredAny, R> = serde_json::from_str(text).map_err(|error| error.to_string())?;
     Ok((kept.result, kept.commit))
 }
 

@@ -7,7 +7,7 @@ use super::field::Point;
 use super::{Bench, ExperimentError};
 use crate::agent::{self, CurvePoint, Outcome, RunOptions, Status};
 use crate::evaluate::Evaluator;
-use crate::log::{LogOptions, Nowhere, Rotation, RunLog};
+use crate::log::{LogOptions, NullStorage, Rotation, RunLog};
 use crate::scenario::Scenario;
 use crate::world::Simulated;
 use crate::world::World;
@@ -31,7 +31,7 @@ pub fn drive(
     evaluator: &Evaluator,
     bench: &Bench<'_>,
 ) -> Result<Outcome, ExperimentError> {
-    let log = RunLog::create(Nowhere, &LogOptions::default(), Rotation::NEVER, &BTreeMap::new());
+    let log = RunLog::create(NullStorage, &LogOptions::default(), Rotation::NEVER, &BTreeMap::new());
     let log = log.map_err(|error| ExperimentError::Run(error.to_string()))?;
     let status = Status::default();
     let mut source = Simulated::new(scenario.clone(), world.clone());

@@ -48,7 +48,7 @@ pub mod worlds;
 
 pub use band::{BAND, Band};
 pub use bench::{Bench, Experiment, Once, Results, Scope, Size, Sizes, run};
-pub use cache::{Cache, Found, Kept};
+pub use cache::{Cache, Cached, Found};
 pub use error::ExperimentError;
 pub use table::{Cell, SAYS, Table};
 

@@ -6,7 +6,7 @@
 mod npz;
 mod tables;
 
-pub use npz::{Array, Element, Written, pack};
+pub use npz::{Array, ArrayEntry, Element, pack};
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -214,7 +214,11 @@ impl Export<'_> {
     }
 
     /// Pack the arrays of one or more tables, which stand in folders of these names, into the file of the first.
-    fn pack(&mut self, folders: &[&str], tables: Vec<io::Result<(Vec<Written>, Meanings)>>) -> Result<(), ExportError> {
+    fn pack(
+        &mut self,
+        folders: &[&str],
+        tables: Vec<io::Result<(Vec<ArrayEntry>, Meanings)>>,
+    ) -> Result<(), ExportError> {
         let name = format!("{}.npz", folders[0]);
         let path = self.out.join(&name);
         let (mut arrays, mut about) = (Vec::new(), BTreeMap::new());

@@ -58,7 +58,7 @@ pub struct Array<T> {
 
 /// An array that is complete.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Written {
+pub struct ArrayEntry {
     /// Its name in the `.npz`.
     pub name: &'static str,
     /// NumPy's name of the type of its numbers.
@@ -99,10 +99,10 @@ impl<T: Element> Array<T> {
     ///
     /// # Errors
     /// The operating system refuses.
-    pub fn finish(mut self) -> io::Result<Written> {
+    pub fn finish(mut self) -> io::Result<ArrayEntry> {
         self.file.flush()?;
         let shape = [&[self.rows][..], &self.row].concat();
-        Ok(Written { name: self.name, element: T::TYPE, shape, path: self.path })
+        Ok(ArrayEntry { name: self.name, element: T::TYPE, shape, path: self.path })
     }
 }
 
@@ -110,7 +110,7 @@ impl<T: Element> Array<T> {
 ///
 /// # Errors
 /// The operating system refuses.
-pub fn pack(path: &Path, arrays: &[Written]) -> io::Result<()> {
+pub fn pack(path: &Path, arrays: &[ArrayEntry]) -> io::Result<()> {
     let mut archive = ZipWriter::new(BufWriter::new(File::create_new(path)?));
     // Not compressed, as `numpy.savez` does it; and of any size.
     let options = SimpleFileOptions::default().compression_method(CompressionMethod::Stored).large_file(true);

@@ -6,7 +6,7 @@ use std::path::Path;
 use faer::{MatRef, Par};
 use rayon::prelude::*;
 
-use super::npz::{Array, Written};
+use super::npz::{Array, ArrayEntry};
 use crate::log::messages::{Decision, DictionaryGrowth, Evaluation, ModelUpdate, Transition};
 use crate::policy::{Learned, columns};
 use crate::scenario::Scenario;
@@ -45,7 +45,7 @@ macro_rules! table {
             }
 
             /// What was written, and what it is.
-            pub fn finish(self) -> io::Result<(Vec<Written>, Meanings)> {
+            pub fn finish(self) -> io::Result<(Vec<ArrayEntry>, Meanings)> {
                 Ok((vec![$(self.$array.finish()?),+], Self::MEANINGS))
             }
         }

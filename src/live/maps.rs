@@ -54,7 +54,7 @@ pub struct Maps {
 
 /// The room, and the newest model.
 #[derive(Default)]
-pub struct Lookout {
+pub struct RoomView {
     place: PathBuf,
     room: Option<(Arc<Scenario>, Arc<World>)>,
     /// Why there is no room, or why there is no model.
@@ -74,14 +74,14 @@ pub struct Lookout {
     features: (u32, Vec<(u64, Vec<f64>)>),
 }
 
-impl Lookout {
+impl RoomView {
     /// A lookout for a run folder or a log file.
     pub fn new(place: &Path) -> Self {
-        Lookout {
+        RoomView {
             place: place.to_owned(),
             // A panic there is told by the channel that it leaves, and must not take the run down.
             pool: ThreadPoolBuilder::new().num_threads(1).panic_handler(|_| {}).build().ok(),
-            ..Lookout::default()
+            ..RoomView::default()
         }
     }
 

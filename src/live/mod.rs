@@ -21,7 +21,7 @@ pub mod terminal;
 mod view;
 
 pub use follow::{Follower, Newest, Seen};
-pub use maps::{Lookout, Maps};
+pub use maps::{Maps, RoomView};
 pub use picture::Picture;
 pub use tail::Tail;
 pub use view::{

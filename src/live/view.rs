@@ -8,7 +8,7 @@ use nalgebra::Point2;
 use serde::Serialize;
 
 use super::follow::Follower;
-use super::maps::{Lookout, Maps};
+use super::maps::{Maps, RoomView};
 use super::picture::{Picture, finely};
 use crate::agent::Controls;
 use crate::log::LogError;
@@ -210,7 +210,7 @@ pub struct View {
 /// Follows a run and says what to show of it.
 pub struct Watcher {
     follower: Follower,
-    lookout: Lookout,
+    lookout: RoomView,
     /// Whether all of the log was read once.
     begun: bool,
 }
@@ -218,7 +218,7 @@ pub struct Watcher {
 impl Watcher {
     /// A watcher of a run folder or a log file.
     pub fn new(place: &Path) -> Self {
-        Watcher { follower: Follower::new(place), lookout: Lookout::new(place), begun: false }
+        Watcher { follower: Follower::new(place), lookout: RoomView::new(place), begun: false }
     }
 
     /// Read what is new, no longer than about `limit`. Whether there was something.

@@ -58,7 +58,7 @@ pub struct Difference {
 
 /// What became of a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Met {
+pub enum Match {
     /// The recording has it.
     Recorded,
     /// The recording does not go that far.
@@ -90,25 +90,25 @@ impl Expected {
 
     /// Compare the next message on a topic with the recording. On a topic that is not repeatable, such as the program's
     /// health, a message is known if the recording goes beyond its stamp.
-    pub fn meet(&mut self, topic: &'static str, stamp_ns: u64, body: &[u8]) -> Met {
-        let Some(entry) = self.topics.get_mut(topic) else { return Met::New };
+    pub fn meet(&mut self, topic: &'static str, stamp_ns: u64, body: &[u8]) -> Match {
+        let Some(entry) = self.topics.get_mut(topic) else { return Match::New };
         if !REPEATABLE.contains(&topic) {
             if stamp_ns == entry.last_stamp_ns {
                 entry.repeated_with_last += 1;
             }
             let known = stamp_ns < entry.last_stamp_ns
                 || stamp_ns == entry.last_stamp_ns && entry.repeated_with_last <= entry.with_last;
-            return if known { Met::Recorded } else { Met::New };
+            return if known { Match::Recorded } else { Match::New };
         }
         let index = entry.repeated;
         entry.repeated += 1;
         match entry.messages.get(index) {
-            None => Met::New,
-            Some(seen) if *seen == (Seen { stamp_ns, hash: hash(body) }) => Met::Recorded,
+            None => Match::New,
+            Some(seen) if *seen == (Seen { stamp_ns, hash: hash(body) }) => Match::Recorded,
             Some(_) => {
                 let found = Some(body.to_vec());
                 self.differences.entry(topic).or_insert(Difference { topic, index, stamp_ns, found });
-                Met::Differs
+                Match::Differs
             }
         }
     }
@@ -175,30 +175,30 @@ mod tests {
     #[test]
     fn what_is_repeated_is_known_and_the_rest_is_new() {
         let mut expected = recording();
-        assert_eq!(expected.meet(DECISION, 1, b"a"), Met::Recorded);
-        assert_eq!(expected.meet(DECISION, 2, b"b"), Met::Recorded);
-        assert_eq!(expected.meet(DECISION, 4, b"c"), Met::New);
-        assert_eq!(expected.meet(MODEL, 3, b"m"), Met::Recorded);
+        assert_eq!(expected.meet(DECISION, 1, b"a"), Match::Recorded);
+        assert_eq!(expected.meet(DECISION, 2, b"b"), Match::Recorded);
+        assert_eq!(expected.meet(DECISION, 4, b"c"), Match::New);
+        assert_eq!(expected.meet(MODEL, 3, b"m"), Match::Recorded);
         // The program's health is never the same twice.
-        assert_eq!(expected.meet(HEALTH, 2, b"x"), Met::Recorded);
-        assert_eq!(expected.meet(HEALTH, 3, b"x"), Met::Recorded);
-        assert_eq!(expected.meet(HEALTH, 3, b"x"), Met::Recorded);
-        assert_eq!(expected.meet(HEALTH, 3, b"x"), Met::New);
+        assert_eq!(expected.meet(HEALTH, 2, b"x"), Match::Recorded);
+        assert_eq!(expected.meet(HEALTH, 3, b"x"), Match::Recorded);
+        assert_eq!(expected.meet(HEALTH, 3, b"x"), Match::Recorded);
+        assert_eq!(expected.meet(HEALTH, 3, b"x"), Match::New);
         assert_eq!((expected.first_difference(), expected.recorded(), expected.beyond()), (None, 3, 1));
     }
 
     #[test]
     fn the_earliest_difference_is_named() {
         let mut expected = recording();
-        assert_eq!(expected.meet(MODEL, 3, b"n"), Met::Differs);
-        assert_eq!(expected.meet(DECISION, 1, b"a"), Met::Recorded);
+        assert_eq!(expected.meet(MODEL, 3, b"n"), Match::Differs);
+        assert_eq!(expected.meet(DECISION, 1, b"a"), Match::Recorded);
         // The second decision does not come, and would have come before the model.
         let first = expected.first_difference().unwrap();
         assert_eq!((first.topic, first.index, first.stamp_ns, first.found), (DECISION, 1, 2, None));
-        assert_eq!(expected.meet(DECISION, 2, b"b"), Met::Recorded);
+        assert_eq!(expected.meet(DECISION, 2, b"b"), Match::Recorded);
         assert_eq!(expected.first_difference().unwrap().found.as_deref(), Some(&b"n"[..]));
         // Another stamp is a difference too.
         let mut expected = recording();
-        assert_eq!(expected.meet(DECISION, 9, b"a"), Met::Differs);
+        assert_eq!(expected.meet(DECISION, 9, b"a"), Match::Differs);
     }
 }

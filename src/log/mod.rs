@@ -37,7 +37,7 @@ pub use files::{FilesReader, newest};
 pub use messages::Message;
 pub use reader::{Channel, Ending, LogReader, Record};
 pub use recover::{Recovered, recover, recover_into};
-pub use run::{Folder, Nowhere, Rotation, RunLog, RunTotals, Storage, log_files};
+pub use run::{Folder, NullStorage, Rotation, RunLog, RunTotals, Storage, log_files};
 pub use summary::{LogSummary, summarise};
 pub use topics::Topic;
 pub use writer::{Compression, FileTotals, LogOptions, LogWriter};

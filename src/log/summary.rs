@@ -10,7 +10,7 @@ pub const MOST_HOLES: usize = 1000;
 
 /// Frames that are missing between two observations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Hole {
+pub struct FrameGap {
     /// Sequence number before the hole.
     pub after: u32,
     /// Sequence number behind it.
@@ -47,7 +47,7 @@ pub struct LogSummary {
     /// Damaged records.
     pub damaged: u64,
     /// Where observations are missing, by their sequence numbers; at most [`MOST_HOLES`].
-    pub holes: Vec<Hole>,
+    pub holes: Vec<FrameGap>,
     /// Observations missing in all holes, listed or not.
     pub missing: u64,
     /// Observations whose sequence number is not above the one before.
@@ -152,7 +152,7 @@ impl LogSummary {
             ahead => {
                 self.missing += u64::from(ahead) - 1;
                 if self.holes.len() < MOST_HOLES {
-                    self.holes.push(Hole { after: last, before: sequence });
+                    self.holes.push(FrameGap { after: last, before: sequence });
                 }
             }
         }

@@ -156,7 +156,7 @@ impl Learned {
     pub fn q_values(&self, observation: &Observation, task: usize) -> ActionValues {
         match &self.values {
             Values::Linear(values) => values.of(observation, task),
-            Values::Local(points) => self.told_at(points, observation, task..task + 1)[0],
+            Values::Local(points) => self.local_values_at(points, observation, task..task + 1)[0],
         }
     }
 
@@ -168,15 +168,20 @@ impl Learned {
     pub fn q_values_of_all_tasks(&self, observation: &Observation) -> Vec<ActionValues> {
         match &self.values {
             Values::Linear(values) => (0..self.weights.len()).map(|task| values.of(observation, task)).collect(),
-            Values::Local(points) => self.told_at(points, observation, 0..self.weights.len()),
+            Values::Local(points) => self.local_values_at(points, observation, 0..self.weights.len()),
         }
     }
 
     /// Local values of some tasks for what the camera sees.
-    fn told_at(&self, points: &PixelPoints, observation: &Observation, tasks: Range<usize>) -> Vec<ActionValues> {
+    fn local_values_at(
+        &self,
+        points: &PixelPoints,
+        observation: &Observation,
+        tasks: Range<usize>,
+    ) -> Vec<ActionValues> {
         let point = points.of(observation);
         let point = Mat::from_fn(point.len(), 1, |i, _| point[i] as f32);
-        self.told(point.as_ref(), tasks).iter().map(|q| ActionValues::new(q.col(0).iter().copied())).collect()
+        self.local_values(point.as_ref(), tasks).iter().map(|q| ActionValues::new(q.col(0).iter().copied())).collect()
     }
 
     /// Q-values of observations for all tasks from their features: `phi: f × n` gives `actions × n` for each.
@@ -188,20 +193,20 @@ impl Learned {
             None => self.weights.iter().map(|weights| weights.transpose() * phi).collect(),
             Some(instances) => {
                 let points = metric::points(&self.model, phi, instances.points().nrows());
-                self.told(points.as_ref(), 0..self.weights.len())
+                self.local_values(points.as_ref(), 0..self.weights.len())
             }
         }
     }
 
     /// Local values of some tasks at points; zeros where a point is not finite, since nothing is near it.
-    fn told(&self, points: MatRef<'_, f32>, tasks: Range<usize>) -> Vec<Mat<f64>> {
+    fn local_values(&self, points: MatRef<'_, f32>, tasks: Range<usize>) -> Vec<Mat<f64>> {
         // The column of a matrix of our own lies in one piece.
         let worths: Vec<&[f64]> = self.weights[tasks]
             .iter()
             .filter_map(|worth| Some(worth.as_ref().col(0).try_as_col_major()?.as_slice()))
             .collect();
-        let told = self.instances.as_ref().map(|instances| instances.action_values(&worths, points));
-        told.and_then(Result::ok).unwrap_or_else(|| vec![Mat::zeros(self.actions(), points.ncols()); worths.len()])
+        let values = self.instances.as_ref().map(|instances| instances.action_values(&worths, points));
+        values.and_then(Result::ok).unwrap_or_else(|| vec![Mat::zeros(self.actions(), points.ncols()); worths.len()])
     }
 
     /// A hash over dictionary, features and policy weights, bit by bit.

@@ -34,7 +34,7 @@ pub struct Report {
     /// The program.
     pub adagio: Program,
     /// What was run.
-    pub scenario: Ran,
+    pub scenario: RunInfo,
     /// How long it ran.
     pub run: Run,
     /// The dictionary at the end.
@@ -91,7 +91,7 @@ impl Program {
 
 /// What was run.
 #[derive(Debug, Clone, Serialize)]
-pub struct Ran {
+pub struct RunInfo {
     /// Name of the scenario.
     pub name: String,
     /// Seed of all random streams.
@@ -207,7 +207,7 @@ impl Report {
         let learned = outcome.learned.as_deref();
         Report {
             adagio: Program::this(),
-            scenario: Ran { name: scenario.name.clone(), seed: scenario.seed, sha256: scenario.sha256() },
+            scenario: RunInfo { name: scenario.name.clone(), seed: scenario.seed, sha256: scenario.sha256() },
             run: Run {
                 actions: outcome.actions,
                 frames: outcome.frames,

@@ -12,12 +12,12 @@ pub struct Change {
     /// It happens before this action, counted from 0.
     pub action: usize,
     /// What happens.
-    pub what: Happens,
+    pub what: ChangeKind,
 }
 
 /// What happens.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Happens {
+pub enum ChangeKind {
     /// The light becomes brighter or darker.
     Light {
         /// Brightness from then on, as a share of the scenario's own.
@@ -51,15 +51,15 @@ pub enum Happens {
     },
 }
 
-impl std::fmt::Display for Happens {
+impl std::fmt::Display for ChangeKind {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Happens::Light { factor, over: 0 } => write!(f, "light × {factor}"),
-            Happens::Light { factor, over } => write!(f, "light × {factor}, within {over} actions"),
-            Happens::Texture { wall, .. } => write!(f, "wall {wall} gets another texture"),
-            Happens::Goal { task, goal: [x, y] } => write!(f, "the goal of task {task} moves to ({x}, {y})"),
-            Happens::Freeze { frames } => write!(f, "the camera freezes for {frames} frames"),
-            Happens::Lose { frames } => write!(f, "the camera loses frames for {frames} frames"),
+            ChangeKind::Light { factor, over: 0 } => write!(f, "light × {factor}"),
+            ChangeKind::Light { factor, over } => write!(f, "light × {factor}, within {over} actions"),
+            ChangeKind::Texture { wall, .. } => write!(f, "wall {wall} gets another texture"),
+            ChangeKind::Goal { task, goal: [x, y] } => write!(f, "the goal of task {task} moves to ({x}, {y})"),
+            ChangeKind::Freeze { frames } => write!(f, "the camera freezes for {frames} frames"),
+            ChangeKind::Lose { frames } => write!(f, "the camera loses frames for {frames} frames"),
         }
     }
 }
@@ -89,7 +89,7 @@ impl Change {
         const MOST_FRAMES: usize = 1_000_000;
         let action = s.count("action", 0, "", 0, 1_000_000_000, "it happens before this action, counted from 0");
         let what = match s.choice("kind", 0, &KINDS, "what happens") {
-            Kind::Light => Happens::Light {
+            Kind::Light => ChangeKind::Light {
                 factor: s.number(
                     "factor",
                     1.0,
@@ -99,18 +99,18 @@ impl Change {
                 ),
                 over: s.count("over", 0, "actions", 0, 1_000_000_000, "how long it takes to get there"),
             },
-            Kind::Wall => Happens::Texture {
+            Kind::Wall => ChangeKind::Texture {
                 wall: s.count("wall", 0, "", 0, 100_000, "number of the wall that gets another texture, from 0"),
                 texture: Texture::changed(s, base, index),
             },
-            Kind::Goal => Happens::Goal {
+            Kind::Goal => ChangeKind::Goal {
                 task: s.count("task", 0, "", 0, 100_000, "number of the task whose goal moves, from 0"),
                 goal: s.point("goal", [1.5, 0.9], "the new centre of its goal area"),
             },
-            Kind::Freeze => Happens::Freeze {
+            Kind::Freeze => ChangeKind::Freeze {
                 frames: s.count("frames", 50, "frames", 1, MOST_FRAMES, "how long the camera gives the same picture"),
             },
-            Kind::Lose => Happens::Lose {
+            Kind::Lose => ChangeKind::Lose {
                 frames: s.count(
                     "frames",
                     50,

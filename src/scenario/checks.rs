@@ -2,7 +2,7 @@
 
 use nalgebra::Point2;
 
-use super::change::Happens;
+use super::change::ChangeKind;
 use super::keys::Reader;
 use super::plan::{Plan, PlanFault, clearance};
 use super::sections::{Detail, Mode, Scenario, WhenBehind};
@@ -99,7 +99,7 @@ fn changes(s: &Scenario, reader: &mut Reader<'_>) {
     let walls = s.world.walls.len();
     for (index, change) in s.changes.iter().enumerate() {
         let key = format!("change.{index}.wall");
-        if let Happens::Texture { wall, .. } = change.what
+        if let ChangeKind::Texture { wall, .. } = change.what
             && wall >= walls
             && walls > 0
             && reader.sound(&[&key, "world.wall"])
@@ -107,7 +107,7 @@ fn changes(s: &Scenario, reader: &mut Reader<'_>) {
             reader.fault_at(&key, format!("= {wall} is not there: it must be in [0, {}]", walls - 1));
         }
         let (key, tasks) = (format!("change.{index}.task"), s.tasks.len());
-        if let Happens::Goal { task, .. } = change.what
+        if let ChangeKind::Goal { task, .. } = change.what
             && task >= tasks
             && tasks > 0
             && reader.sound(&[&key, "task"])
@@ -241,7 +241,7 @@ fn areas(s: &Scenario) -> Vec<Area> {
     };
     let first = s.tasks.iter().enumerate().map(|(index, task)| at(format!("task.{index}.goal"), index, task.goal));
     let later = s.changes.iter().enumerate().map(|(index, change)| match change.what {
-        Happens::Goal { task, goal } => at(format!("change.{index}.goal"), task, goal),
+        ChangeKind::Goal { task, goal } => at(format!("change.{index}.goal"), task, goal),
         _ => None,
     });
     first.chain(later).flatten().collect()

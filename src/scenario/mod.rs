@@ -15,7 +15,7 @@ mod sections;
 mod texture;
 mod topics;
 
-pub use change::{Change, Happens};
+pub use change::{Change, ChangeKind};
 pub use distractors::Distractor;
 pub use keys::Fault;
 pub(crate) use plan::nearest;

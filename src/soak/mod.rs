@@ -10,7 +10,7 @@ mod rules;
 mod sampler;
 
 pub use page::page;
-pub use rules::{Judged, judge};
+pub use rules::{CheckedRule, check_rules};
 pub use sampler::{Sample, Sampler};
 
 use serde::Serialize;
@@ -31,7 +31,7 @@ pub struct Soak {
     /// Whether every rule holds.
     pub passed: bool,
     /// The rules, with what was measured.
-    pub rules: Vec<Judged>,
+    pub rules: Vec<CheckedRule>,
     /// When what a scenario changes was changed, hours.
     pub changes: Vec<(f64, String)>,
     /// What was seen from outside, evenly over the run.

@@ -6,7 +6,7 @@ mod segments;
 
 pub use imported::{ImportReport, Imported};
 pub use recorded::{Recorded, Resumed};
-pub use segments::{Cutter, Rule, Segment, Step};
+pub use segments::{Rule, Segment, Segmenter, Step};
 
 use crate::robot::{Action, Pose};
 use crate::snapshot::{Snapshot, SnapshotError};

@@ -139,7 +139,7 @@ impl Kind {
 
 /// What another kind of motion has gained on the present one.
 #[derive(Debug, Clone, Copy, Default)]
-struct Rival {
+struct Candidate {
     gained: f64,
     /// The step, of those that are held, with which it began to gain.
     since: usize,
@@ -156,22 +156,22 @@ struct Done {
 
 /// Cuts the motion between frames into actions.
 #[derive(Debug, Clone)]
-pub struct Cutter {
+pub struct Segmenter {
     kind: Kind,
     /// Steps since the last cut.
     held: VecDeque<Step>,
     /// How much they are of `kind`.
     share: f64,
-    rivals: [Rival; 5],
+    rivals: [Candidate; 5],
     /// The action before in the same stretch.
     before: Option<Done>,
     finished: VecDeque<Segment>,
 }
 
-impl Default for Cutter {
+impl Default for Segmenter {
     /// Before the first step.
     fn default() -> Self {
-        Cutter {
+        Segmenter {
             kind: Kind::Still,
             held: VecDeque::new(),
             share: 0.0,
@@ -182,14 +182,14 @@ impl Default for Cutter {
     }
 }
 
-impl Cutter {
+impl Segmenter {
     /// One more step.
     pub fn push(&mut self, step: Step) {
         self.absorb(step);
         let gains =
             Kind::ALL.into_iter().zip(self.rivals).map(|(kind, rival)| (rival.gained / kind.enough(), kind, rival));
         let (gain, kind, rival) =
-            gains.max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((0.0, self.kind, Rival::default()));
+            gains.max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((0.0, self.kind, Candidate::default()));
         if gain >= 1.0 {
             self.end_stretch(rival.since);
             self.kind = kind;
@@ -303,13 +303,13 @@ mod tests {
     /// Drives a path at ten frames a second and cuts it; segments without action come as (frames, None).
     struct Drive {
         pose: Pose,
-        cutter: Cutter,
+        cutter: Segmenter,
         segments: Vec<Segment>,
     }
 
     impl Drive {
         fn new() -> Self {
-            Drive { pose: Pose::new(Point2::origin(), 0.4), cutter: Cutter::default(), segments: Vec::new() }
+            Drive { pose: Pose::new(Point2::origin(), 0.4), cutter: Segmenter::default(), segments: Vec::new() }
         }
 
         /// For some frames, metres and radians a second; `commanded`: metres a second that are commanded.
@@ -449,7 +449,7 @@ mod tests {
     fn steps_longer_than_an_action_are_one_each_and_memory_is_bounded() {
         let far = Drive::new().go(5, 12.0, 0.0, 0.0).end();
         assert_eq!(actions(&far), [(1, F); 5]);
-        let mut cutter = Cutter::default();
+        let mut cutter = Segmenter::default();
         // To and fro too slowly for a change, too fast for standing still.
         for i in 0..3 * MOST_HELD {
             let ahead = 0.2 * (i as f64 * 1e-3).sin().abs();

@@ -7,10 +7,10 @@ use rayon::prelude::*;
 use super::Camera;
 use super::batch::Batch;
 use super::distractors::{Distractor, Present};
-use super::eye::Eye;
+use super::eye::Viewpoint;
 use crate::gpu::{Choice, Gpu};
 use crate::robot::Pose;
-use crate::scenario::{Happens, Scenario};
+use crate::scenario::{ChangeKind, Scenario};
 use crate::vision::Image;
 
 /// Pixels that a device is asked for at once, at most: 50 MB of pictures.
@@ -54,17 +54,17 @@ impl Appearance {
         for change in changes {
             let first = change.first_frame(&scenario.robot);
             match &change.what {
-                Happens::Light { factor, over } => {
+                ChangeKind::Light { factor, over } => {
                     appearance.light.push((first, first + *over as u64 * per_action, *factor))
                 }
-                Happens::Texture { wall, texture } => {
+                ChangeKind::Texture { wall, texture } => {
                     present.world.walls[*wall].texture = texture.clone();
                     appearance.cameras.push((first, Arc::new(Camera::new(&present)?)));
                 }
                 // Nothing that one sees.
-                Happens::Goal { .. } => {}
-                Happens::Freeze { frames } => appearance.frozen.push((first, first + *frames as u64 - 1)),
-                Happens::Lose { frames } => appearance.lost.push((first, first + *frames as u64 - 1)),
+                ChangeKind::Goal { .. } => {}
+                ChangeKind::Freeze { frames } => appearance.frozen.push((first, first + *frames as u64 - 1)),
+                ChangeKind::Lose { frames } => appearance.lost.push((first, first + *frames as u64 - 1)),
             }
         }
         Ok(appearance)
@@ -140,8 +140,8 @@ impl Appearance {
             return false;
         }
         let distractors: Vec<Vec<Present>> = poses.iter().map(|&(_, later)| self.present(frame, later)).collect();
-        let eyes: Vec<Eye<'_>> =
-            poses.iter().zip(&distractors).map(|((pose, _), distractors)| Eye { pose, distractors }).collect();
+        let eyes: Vec<Viewpoint<'_>> =
+            poses.iter().zip(&distractors).map(|((pose, _), distractors)| Viewpoint { pose, distractors }).collect();
         let number = self.camera_number(frame);
         self.batch.render(number, &self.cameras[number].1, &eyes, images)
     }

@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 use super::Camera;
-use super::eye::{Eye, on_all_threads};
+use super::eye::{Viewpoint, on_all_threads};
 use super::views::Views;
 use crate::gpu::{Choice, Gpu, GpuError};
 use crate::scenario::Renderer;
@@ -80,7 +80,7 @@ impl Batch {
     }
 
     /// Render views by the device, if there is one and it is the better choice; whether it did.
-    pub fn render(&self, number: usize, camera: &Arc<Camera>, eyes: &[Eye<'_>], images: &mut [Image]) -> bool {
+    pub fn render(&self, number: usize, camera: &Arc<Camera>, eyes: &[Viewpoint<'_>], images: &mut [Image]) -> bool {
         if !self.considers(eyes.len()) {
             return false;
         }
@@ -101,7 +101,7 @@ impl Batch {
 }
 
 /// The faster one for these views.
-fn choose(camera: &Arc<Camera>, eyes: &[Eye<'_>]) -> Chosen {
+fn choose(camera: &Arc<Camera>, eyes: &[Viewpoint<'_>]) -> Chosen {
     let gpu = match Gpu::shared_if_likely() {
         Ok(gpu) => gpu,
         Err(error) => return Chosen::cpu(error.to_string()),
@@ -132,7 +132,7 @@ fn render(
     views: &mut Vec<Option<Views>>,
     number: usize,
     camera: &Arc<Camera>,
-    eyes: &[Eye<'_>],
+    eyes: &[Viewpoint<'_>],
     images: &mut [Image],
 ) -> Result<(), GpuError> {
     if views.len() <= number {
@@ -150,7 +150,7 @@ fn render(
 }
 
 /// Times that the same views take on the processor and on the device.
-fn compare(gpu: &Arc<Gpu>, camera: &Arc<Camera>, eyes: &[Eye<'_>]) -> Result<(Duration, Duration), GpuError> {
+fn compare(gpu: &Arc<Gpu>, camera: &Arc<Camera>, eyes: &[Viewpoint<'_>]) -> Result<(Duration, Duration), GpuError> {
     let mut images = vec![Image::default(); eyes.len()];
     let mut views = Views::new(gpu.clone(), camera.clone())?;
     // The first time, memory is taken, and drivers compile.

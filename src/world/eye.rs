@@ -4,7 +4,7 @@ use super::distractors::Present;
 use crate::robot::Pose;
 
 /// What is seen from where.
-pub struct Eye<'a> {
+pub struct Viewpoint<'a> {
     /// Of the robot.
     pub pose: &'a Pose,
     /// Distractors as they are then: as many for each view.

@@ -5,7 +5,7 @@
 use std::path::{Path, PathBuf};
 
 use adagio::robot::Pose;
-use adagio::scenario::{Change, Happens, Scenario};
+use adagio::scenario::{Change, ChangeKind, Scenario};
 use adagio::vision::Image;
 use adagio::vision::observe;
 use adagio::world::{Appearance, World};
@@ -74,7 +74,7 @@ fn a_device_draws_what_the_processor_draws_in_every_scenario() {
         let drawn_by = Appearance::new(&scenario).unwrap().on(gpu.clone());
         let poses = random_poses(&world, 1000, 7);
         // The world as it looks at first, and after each change of its papers.
-        let papered = |change: &&Change| matches!(change.what, Happens::Texture { .. });
+        let papered = |change: &&Change| matches!(change.what, ChangeKind::Texture { .. });
         let changes = scenario.changes.iter().filter(papered).map(|change| change.first_frame(&scenario.robot));
         for frame in std::iter::once(0).chain(changes) {
             let mut ours = vec![Image::default(); poses.len()];

@@ -14,7 +14,7 @@ use adagio::log::messages::{self as msg, Header, Image, LaserScan, Odometry, Pos
 use adagio::log::{Message, cdr};
 use adagio::robot::Action;
 use adagio::scenario::Scenario;
-use adagio::source::imported::{Survey, frames_per_action};
+use adagio::source::imported::{LogContents, frames_per_action};
 use adagio::source::{Imported, Source, View};
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder as _};
@@ -275,7 +275,7 @@ fn mutated_bags_are_read_to_their_end() {
             bytes[at] = rng.random_range(0..=255);
         }
         std::fs::write(&path, &bytes).unwrap();
-        let begun = Survey::of(&path, scenario.topics.stamps).and_then(|survey| {
+        let begun = LogContents::of(&path, scenario.topics.stamps).and_then(|survey| {
             let roles = survey.roles(&scenario.topics)?;
             let _ = frames_per_action(&survey, &roles, &scenario);
             Imported::open(scenario.clone(), &survey, &roles)

@@ -218,7 +218,7 @@ impl SavedOutcomes {
 }
 
 /// What the act actor has when it ends.
-pub struct Acted {
+pub struct ActResult {
     pub learned: Option<Arc<Learned>>,
     pub without_model: Option<String>,
     pub actions: u64,
@@ -259,7 +259,7 @@ struct Progress {
 
 impl ActLoop<'_> {
     /// Decide until the last action, then wait for the last model.
-    pub fn run(&self, acting: ActState, actions: Outbox<Item<Action>>) -> Result<Acted, RunError> {
+    pub fn run(&self, acting: ActState, actions: Outbox<Item<Action>>) -> Result<ActResult, RunError> {
         let (clock, answered, to_evaluate, kept) = (Clock::new(), 0, Vec::new(), Instant::now());
         let mut progress = Progress { acting, clock, answered, to_evaluate, kept };
         let realtime = self.scenario.agent.mode == Mode::Realtime;
@@ -429,8 +429,8 @@ impl Progress {
         }
     }
 
-    fn ended(self) -> Acted {
+    fn ended(self) -> ActResult {
         let ActState { act, actions, learned, without_model, .. } = self.acting;
-        Acted { learned, without_model, actions, pursuits: act.tallies().to_vec(), clock: self.clock }
+        ActResult { learned, without_model, actions, pursuits: act.tallies().to_vec(), clock: self.clock }
     }
 }

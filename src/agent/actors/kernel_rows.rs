@@ -28,7 +28,7 @@ pub struct KernelRows {
 }
 
 /// A part that a device is at.
-struct Begun {
+struct PendingPart {
     x: Mat<f32>,
     norms: Vec<f64>,
     pending: Pending,
@@ -62,7 +62,7 @@ impl KernelRows {
         par: Par,
         mut take: impl FnMut(Mat<f64>) -> Result<(), SlowError>,
     ) -> Result<(), SlowError> {
-        let mut begun: Option<Begun> = None;
+        let mut begun: Option<PendingPart> = None;
         let mut holds = false;
         for x in parts {
             let grown = self.slower_at.is_some_and(|m| model.members.ncols() >= 2 * m);
@@ -91,7 +91,7 @@ impl KernelRows {
     }
 
     /// Have the device begin with a part; the part again, if it is not to.
-    fn begin(&mut self, model: &SlowModel<f32>, x: Mat<f32>) -> Result<Begun, Mat<f32>> {
+    fn begin(&mut self, model: &SlowModel<f32>, x: Mat<f32>) -> Result<PendingPart, Mat<f32>> {
         let Some(device) = &mut self.device else { return Err(x) };
         let norms = squared_norms(x.as_ref());
         let exact = model.norms().iter().chain(&norms).all(|&norm| norm < EXACT);
@@ -100,7 +100,7 @@ impl KernelRows {
             return Err(x);
         }
         match device.begin(x.as_ref(), &norms, Of::Products) {
-            Ok(pending) => Ok(Begun { x, norms, pending }),
+            Ok(pending) => Ok(PendingPart { x, norms, pending }),
             Err(error) => {
                 self.note(Err(error));
                 Err(x)
@@ -108,8 +108,8 @@ impl KernelRows {
         }
     }
 
-    fn finish(&mut self, model: &SlowModel<f32>, begun: Begun, par: Par) -> Result<Mat<f64>, SlowError> {
-        let Begun { x, norms, pending } = begun;
+    fn finish(&mut self, model: &SlowModel<f32>, begun: PendingPart, par: Par) -> Result<Mat<f64>, SlowError> {
+        let PendingPart { x, norms, pending } = begun;
         if let Some(device) = &self.device {
             let values =
                 |products: MatRef<'_, f32>| model.kernel.matrix_of_products(products, model.norms(), &norms, par);

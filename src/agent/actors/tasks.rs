@@ -6,7 +6,7 @@ use nalgebra::Point2;
 
 use super::messages::TaskOutcomes;
 use super::saved::wrong;
-use crate::scenario::{Happens, Plan, Scenario, Task, in_goal};
+use crate::scenario::{ChangeKind, Plan, Scenario, Task, in_goal};
 use crate::snapshot::{Persist, Snapshot, SnapshotError};
 use crate::source::GoalMove;
 
@@ -61,7 +61,7 @@ impl Tasks {
 /// The goals that a scenario moves, each with the first frame that is outcomes by it.
 fn script(scenario: &Scenario) -> Vec<(u64, GoalMove)> {
     let moves = scenario.changes.iter().filter_map(|change| match change.what {
-        Happens::Goal { task, goal } => Some((change.first_frame(&scenario.robot), GoalMove { task, goal })),
+        ChangeKind::Goal { task, goal } => Some((change.first_frame(&scenario.robot), GoalMove { task, goal })),
         _ => None,
     });
     let mut script: Vec<_> = moves.collect();

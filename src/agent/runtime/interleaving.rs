@@ -14,7 +14,7 @@ use rand_chacha::ChaCha8Rng;
 
 /// What an actor is up to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Doing {
+enum ActorState {
     /// It can go on.
     Ready,
     /// It waits for a queue, and nothing has happened in any since it looked.
@@ -26,7 +26,7 @@ enum Doing {
 struct Actor {
     name: &'static str,
     thread: Option<Thread>,
-    doing: Doing,
+    doing: ActorState,
     /// How often it comes: some are slow.
     weight: u32,
 }
@@ -74,15 +74,15 @@ impl Interleaving {
         let weight = WEIGHTS[state.random.random_range(0..WEIGHTS.len())];
         #[cfg(not(test))]
         let weight = 1;
-        state.actors.push(Actor { name, thread: None, doing: Doing::Ready, weight });
+        state.actors.push(Actor { name, thread: None, doing: ActorState::Ready, weight });
         state.actors.len() - 1
     }
 
     /// In an actor's thread: wait for its first turn. It is gone when the result is dropped.
-    pub fn enter(self: &Arc<Self>, me: usize) -> Entered {
+    pub fn enter(self: &Arc<Self>, me: usize) -> ActorGuard {
         ME.set(Some(me));
         self.lock().actors[me].thread = Some(std::thread::current());
-        let entered = Entered(self.clone());
+        let entered = ActorGuard(self.clone());
         self.wait(me);
         entered
     }
@@ -114,7 +114,7 @@ impl Interleaving {
             }
             {
                 let mut state = self.lock();
-                state.actors[me].doing = Doing::Waiting;
+                state.actors[me].doing = ActorState::Waiting;
                 state.turn = None;
                 state.hand_over();
             }
@@ -139,8 +139,8 @@ impl Interleaving {
         state
             .actors
             .iter_mut()
-            .filter(|actor| actor.doing == Doing::Waiting)
-            .for_each(|actor| actor.doing = Doing::Ready);
+            .filter(|actor| actor.doing == ActorState::Waiting)
+            .for_each(|actor| actor.doing = ActorState::Ready);
         if state.turn.is_none() {
             state.hand_over();
         }
@@ -176,11 +176,11 @@ impl State {
         if !self.begun || self.deadlock.is_some() {
             return;
         }
-        let ready = |actor: &Actor| actor.doing == Doing::Ready;
+        let ready = |actor: &Actor| actor.doing == ActorState::Ready;
         let total: u32 = self.actors.iter().filter(|actor| ready(actor)).map(|actor| actor.weight).sum();
         if total == 0 {
             let waiting: Vec<&str> =
-                self.actors.iter().filter(|actor| actor.doing == Doing::Waiting).map(|actor| actor.name).collect();
+                self.actors.iter().filter(|actor| actor.doing == ActorState::Waiting).map(|actor| actor.name).collect();
             if waiting.iter().any(|&name| name != LAST) {
                 self.deadlock = Some(format!("a deadlock: {} wait for each other", waiting.join(", ")));
                 self.actors.iter().filter_map(|actor| actor.thread.as_ref()).for_each(Thread::unpark);
@@ -202,13 +202,13 @@ impl State {
 }
 
 /// An actor's presence.
-pub struct Entered(Arc<Interleaving>);
+pub struct ActorGuard(Arc<Interleaving>);
 
-impl Drop for Entered {
+impl Drop for ActorGuard {
     fn drop(&mut self) {
         let mut state = self.0.lock();
         if let Some(me) = ME.take() {
-            state.actors[me].doing = Doing::Gone;
+            state.actors[me].doing = ActorState::Gone;
             if state.turn == Some(me) {
                 state.turn = None;
             }

@@ -98,7 +98,7 @@ async fn read(body: Incoming) -> Answer {
 /// Where a goal shall be.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Wanted {
+struct PageRequest {
     /// Name of the task.
     task: String,
     x: f64,
@@ -107,7 +107,7 @@ struct Wanted {
 
 fn move_goal(shared: &Shared, body: &[u8]) -> Answer {
     let wrong = |text: String| (StatusCode::BAD_REQUEST, text);
-    let wanted: Wanted = serde_json::from_slice(body).map_err(|error| {
+    let wanted: PageRequest = serde_json::from_slice(body).map_err(|error| {
         wrong(format!("this is no place for a goal, {{\"task\": NAME, \"x\": M, \"y\": M}}: {error}"))
     })?;
     let Some(task) = shared.tasks.iter().position(|task| task.name == wanted.task) else {

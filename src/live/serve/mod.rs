@@ -93,7 +93,7 @@ pub struct Server {
 }
 
 /// The run that a page is of.
-pub struct Stage<'a> {
+pub struct ServedRun<'a> {
     /// Its folder.
     pub run: &'a Path,
     /// Its scenario.
@@ -175,7 +175,7 @@ impl Server {
     }
 
     /// Serve the page of a run while some work is done: the run.
-    pub fn beside<R>(&self, stage: &Stage<'_>, work: impl FnOnce() -> R) -> R {
+    pub fn beside<R>(&self, stage: &ServedRun<'_>, work: impl FnOnce() -> R) -> R {
         let shared = Arc::new(Shared {
             guard: self.guard.clone(),
             page: Page::new(),

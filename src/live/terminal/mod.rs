@@ -53,22 +53,22 @@ pub struct Choice {
 
 /// What a key asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Wish {
+enum KeyCommand {
     Leave,
     NextMap,
     LastMap,
     Nothing,
 }
 
-fn wish(key: KeyEvent) -> Wish {
+fn wish(key: KeyEvent) -> KeyCommand {
     match key.code {
-        _ if key.kind == KeyEventKind::Release => Wish::Nothing,
-        KeyCode::Char('q') | KeyCode::Esc => Wish::Leave,
+        _ if key.kind == KeyEventKind::Release => KeyCommand::Nothing,
+        KeyCode::Char('q') | KeyCode::Esc => KeyCommand::Leave,
         // In this mode the terminal does not make a signal of it.
-        KeyCode::Char('c') if key.modifiers.contains(KeyModifiers::CONTROL) => Wish::Leave,
-        KeyCode::Tab | KeyCode::Right | KeyCode::Char('m') => Wish::NextMap,
-        KeyCode::BackTab | KeyCode::Left => Wish::LastMap,
-        _ => Wish::Nothing,
+        KeyCode::Char('c') if key.modifiers.contains(KeyModifiers::CONTROL) => KeyCommand::Leave,
+        KeyCode::Tab | KeyCode::Right | KeyCode::Char('m') => KeyCommand::NextMap,
+        KeyCode::BackTab | KeyCode::Left => KeyCommand::LastMap,
+        _ => KeyCommand::Nothing,
     }
 }
 
@@ -102,10 +102,10 @@ fn show(terminal: &mut ratatui::DefaultTerminal, watcher: &mut Watcher, stop: &A
         }
         match event::read()? {
             Event::Key(key) => match wish(key) {
-                Wish::Leave => return Ok(()),
-                Wish::NextMap => choice.map = choice.map.wrapping_add(1),
-                Wish::LastMap => choice.map = choice.map.wrapping_sub(1),
-                Wish::Nothing => continue,
+                KeyCommand::Leave => return Ok(()),
+                KeyCommand::NextMap => choice.map = choice.map.wrapping_add(1),
+                KeyCommand::LastMap => choice.map = choice.map.wrapping_sub(1),
+                KeyCommand::Nothing => continue,
             },
             Event::Resize(..) => {}
             _ => continue,

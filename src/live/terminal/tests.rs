@@ -111,9 +111,9 @@ fn values_and_pixels_have_colours() {
 #[test]
 fn keys_choose_maps_and_leave() {
     let key = |code| wish(KeyEvent::new(code, KeyModifiers::NONE));
-    assert_eq!(key(KeyCode::Char('q')), Wish::Leave);
-    assert_eq!(wish(KeyEvent::new(KeyCode::Char('c'), KeyModifiers::CONTROL)), Wish::Leave);
-    assert_eq!((key(KeyCode::Tab), key(KeyCode::Char('c'))), (Wish::NextMap, Wish::Nothing));
+    assert_eq!(key(KeyCode::Char('q')), KeyCommand::Leave);
+    assert_eq!(wish(KeyEvent::new(KeyCode::Char('c'), KeyModifiers::CONTROL)), KeyCommand::Leave);
+    assert_eq!((key(KeyCode::Tab), key(KeyCode::Char('c'))), (KeyCommand::NextMap, KeyCommand::Nothing));
     let second = text(&buffer(&view(), Choice { map: 1, plain: true }));
     assert!(second.contains("feature 1 of model 4") && !second.contains('→'), "{second}");
     assert_eq!(second, text(&buffer(&view(), Choice { map: 3, plain: true })), "after the last the first comes again");

@@ -11,9 +11,9 @@ use std::io::Write;
 use std::time::{Duration, Instant};
 
 use self::failure::{MOST_ATTEMPTS, Unflushed};
-pub use self::storage::{Folder, Nowhere, Storage, log_files, log_number};
+pub use self::storage::{Folder, NullStorage, Storage, log_files, log_number};
 
-use super::expected::{Expected, Met};
+use super::expected::{Expected, Match};
 use super::messages::{Log, Time};
 use super::writer::{FileTotals, LogOptions, LogWriter};
 use super::{LogError, Message, Topic, cdr, topics};
@@ -185,8 +185,8 @@ impl RunLog {
         self.check()?;
         if let Some((expected, repeating)) = &mut self.expected {
             match (expected.meet(topic, stamp_ns, body), *repeating) {
-                (Met::Recorded, Repeating::Skip) => return Ok(()),
-                (Met::Differs, Repeating::Skip) => return Err(LogError::Differs { topic, sequence }),
+                (Match::Recorded, Repeating::Skip) => return Ok(()),
+                (Match::Differs, Repeating::Skip) => return Err(LogError::Differs { topic, sequence }),
                 _ => {}
             }
         }

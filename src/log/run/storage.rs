@@ -70,9 +70,9 @@ impl Storage for Folder {
 
 /// Storage that keeps nothing: for a repetition that is only compared.
 #[derive(Debug, Clone, Copy)]
-pub struct Nowhere;
+pub struct NullStorage;
 
-impl Storage for Nowhere {
+impl Storage for NullStorage {
     fn create(&mut self, _: u32) -> io::Result<Box<dyn Write + Send>> {
         Ok(Box::new(io::sink()))
     }

@@ -20,7 +20,7 @@ mod topics;
 
 pub use picture::{MOST_PIXELS, PictureError, compressed, crop, raw};
 pub use senses::pose_of;
-pub use topics::{ImportError, Roles, Seen, Survey, stamp_ns};
+pub use topics::{ImportError, LogContents, Roles, Seen, stamp_ns};
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -29,7 +29,7 @@ use serde::Serialize;
 
 use self::actions::RecordedActions;
 use self::senses::{Sensed, Senses};
-use super::{Boundary, Cutter, Frame, Rule, Segment, Source, Step, View};
+use super::{Boundary, Frame, Rule, Segment, Segmenter, Source, Step, View};
 use crate::log::FilesReader;
 use crate::robot::Action;
 use crate::scenario::Scenario;
@@ -67,23 +67,23 @@ pub struct ImportReport {
 }
 
 /// How the frames come to their actions.
-enum Cutting {
-    Motion(Box<Cutter>),
+enum Segmentation {
+    Motion(Box<Segmenter>),
     RecordedActions(RecordedActions),
 }
 
-impl Cutting {
+impl Segmentation {
     fn interrupt(&mut self) {
         match self {
-            Cutting::Motion(cutter) => cutter.interrupt(),
-            Cutting::RecordedActions(commanded) => commanded.interrupt(),
+            Segmentation::Motion(cutter) => cutter.interrupt(),
+            Segmentation::RecordedActions(commanded) => commanded.interrupt(),
         }
     }
 
     fn finished(&mut self) -> Option<Segment> {
         match self {
-            Cutting::Motion(cutter) => cutter.finished(),
-            Cutting::RecordedActions(commanded) => commanded.finished(),
+            Segmentation::Motion(cutter) => cutter.finished(),
+            Segmentation::RecordedActions(commanded) => commanded.finished(),
         }
     }
 }
@@ -94,7 +94,7 @@ pub struct Imported {
     rule: Rule,
     gap_ns: u64,
     senses: Senses,
-    cutting: Cutting,
+    cutting: Segmentation,
     /// Images that belong to no segment yet, and before them the last one of the segment before.
     held: VecDeque<Sensed>,
     /// Whether that last one was given as the end of an action.
@@ -109,7 +109,7 @@ pub struct Imported {
 ///
 /// # Errors
 /// Less than one, or more than a scenario may have.
-pub fn frames_per_action(survey: &Survey, roles: &Roles, scenario: &Scenario) -> Result<usize, ImportError> {
+pub fn frames_per_action(survey: &LogContents, roles: &Roles, scenario: &Scenario) -> Result<usize, ImportError> {
     let Some(interval) = usual_interval_ns(survey, roles, scenario) else {
         let reason = format!("{} holds no two images with different stamps", survey.path.display());
         return Err(ImportError::Rate(reason));
@@ -128,7 +128,7 @@ pub fn frames_per_action(survey: &Survey, roles: &Roles, scenario: &Scenario) ->
 }
 
 /// Usual time between the images that are used, nanoseconds.
-fn usual_interval_ns(survey: &Survey, roles: &Roles, scenario: &Scenario) -> Option<f64> {
+fn usual_interval_ns(survey: &LogContents, roles: &Roles, scenario: &Scenario) -> Option<f64> {
     let interval = survey.topics.get(&roles.camera)?.interval_ns()?;
     Some(interval as f64 * scenario.topics.every as f64)
 }
@@ -138,14 +138,14 @@ impl Imported {
     ///
     /// # Errors
     /// [`ImportError::Nothing`], [`ImportError::Rate`].
-    pub fn open(scenario: Arc<Scenario>, survey: &Survey, roles: &Roles) -> Result<Self, ImportError> {
+    pub fn open(scenario: Arc<Scenario>, survey: &LogContents, roles: &Roles) -> Result<Self, ImportError> {
         let usual = usual_interval_ns(survey, roles, &scenario);
         let usual = usual.ok_or_else(|| ImportError::Rate("there are no two images".into()))?;
         let robot = &scenario.robot;
         let rule = Rule { forward: robot.forward, turn: robot.turn_deg.to_radians(), seconds: robot.action_seconds };
         let cutting = match &roles.action {
-            Some(_) => Cutting::RecordedActions(RecordedActions::default()),
-            None => Cutting::Motion(Box::default()),
+            Some(_) => Segmentation::RecordedActions(RecordedActions::default()),
+            None => Segmentation::Motion(Box::default()),
         };
         let mut imported = Imported {
             rule,
@@ -185,7 +185,7 @@ impl Imported {
     }
 
     /// What most images lack, when no frame came of any.
-    fn why_nothing(&self, survey: &Survey, roles: &Roles) -> String {
+    fn why_nothing(&self, survey: &LogContents, roles: &Roles) -> String {
         let unused = &self.senses.unused;
         if self.sensed > 0 {
             let robot = &self.scenario.robot;
@@ -252,8 +252,8 @@ impl Imported {
 
     fn cut(&mut self, step: Step, stamp_ns: u64) {
         match &mut self.cutting {
-            Cutting::Motion(cutter) => cutter.push(step),
-            Cutting::RecordedActions(commanded) => {
+            Segmentation::Motion(cutter) => cutter.push(step),
+            Segmentation::RecordedActions(commanded) => {
                 // The image that shows how an action began is the last one of the action before.
                 while let Some((_, action)) = self.senses.action_before(stamp_ns) {
                     commanded.begin(action);

@@ -129,7 +129,7 @@ impl Senses {
                 let Waiting { stamp_ns, pixels } = self.waiting.pop_front()?;
                 match pose {
                     Some(pose) => {
-                        let (sonar, commanded) = (self.sonar_at(stamp_ns), self.told_until(stamp_ns));
+                        let (sonar, commanded) = (self.sonar_at(stamp_ns), self.known_until(stamp_ns));
                         return Some(Sensed { stamp_ns, pixels, pose, sonar, commanded });
                     }
                     None => self.unused.without_pose += 1,
@@ -270,7 +270,7 @@ impl Senses {
 
     /// Metres ahead that were commanded from where the last image was counted to this one. A command holds until the next,
     /// but no longer than [`Senses::hold_ns`].
-    fn told_until(&mut self, stamp_ns: u64) -> f64 {
+    fn known_until(&mut self, stamp_ns: u64) -> f64 {
         let mut commanded = 0.0;
         let hold = self.hold_ns();
         let mut at = self.counted_to_ns;

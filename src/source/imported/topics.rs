@@ -84,7 +84,7 @@ impl Seen {
 
 /// What a log holds.
 #[derive(Debug, Clone)]
-pub struct Survey {
+pub struct LogContents {
     /// The folder or file.
     pub path: PathBuf,
     /// The log files, in order.
@@ -171,7 +171,7 @@ fn files_of(path: &Path) -> Result<Vec<PathBuf>, ImportError> {
     if files.is_empty() { Err(ImportError::NoFiles(path.to_owned())) } else { Ok(files) }
 }
 
-impl Survey {
+impl LogContents {
     /// Read a log file, or all of a folder, in one pass.
     ///
     /// # Errors
@@ -179,7 +179,7 @@ impl Survey {
     pub fn of(path: &Path, stamps: Stamps) -> Result<Self, ImportError> {
         let files = files_of(path)?;
         let mut survey =
-            Survey { path: path.to_owned(), files, topics: BTreeMap::new(), damage: Vec::new(), damaged: 0 };
+            LogContents { path: path.to_owned(), files, topics: BTreeMap::new(), damage: Vec::new(), damaged: 0 };
         for file in survey.files.clone() {
             let mut reader = LogReader::open(&file)?.without_attachments();
             loop {

@@ -4,7 +4,7 @@ use std::convert::Infallible;
 use std::sync::Arc;
 
 use super::Camera;
-use super::eye::Eye;
+use super::eye::Viewpoint;
 use crate::gpu::{Gpu, GpuError};
 use crate::vision::Image;
 
@@ -16,7 +16,7 @@ impl Views {
         Err(GpuError::Feature)
     }
 
-    pub fn render(&mut self, _: &[Eye<'_>], _: &mut [Image]) -> Result<(), GpuError> {
+    pub fn render(&mut self, _: &[Viewpoint<'_>], _: &mut [Image]) -> Result<(), GpuError> {
         match self.0 {}
     }
 

@@ -18,7 +18,7 @@ use wgpu::{
 
 use self::scene::{Scene, Words};
 use super::Camera;
-use super::eye::{Eye, on_all_threads};
+use super::eye::{Viewpoint, on_all_threads};
 use crate::gpu::{Gpu, GpuError};
 use crate::vision::Image;
 
@@ -110,7 +110,7 @@ impl Views {
     ///
     /// # Panics
     /// If there are not as many images as views, or not as many distractors in each view.
-    pub fn render(&mut self, eyes: &[Eye<'_>], images: &mut [Image]) -> Result<(), GpuError> {
+    pub fn render(&mut self, eyes: &[Viewpoint<'_>], images: &mut [Image]) -> Result<(), GpuError> {
         assert_eq!(eyes.len(), images.len(), "an image for each view");
         let Some(first) = eyes.first() else { return Ok(()) };
         let distractors = first.distractors.len();
@@ -123,7 +123,7 @@ impl Views {
         Ok(())
     }
 
-    fn render_parts(&self, room: &Room, eyes: &[Eye<'_>], images: &mut [Image]) -> Result<(), GpuError> {
+    fn render_parts(&self, room: &Room, eyes: &[Viewpoint<'_>], images: &mut [Image]) -> Result<(), GpuError> {
         let mut pending: Option<Pending> = None;
         for (number, part) in eyes.chunks(room.at_once).enumerate() {
             let next = self.draw(room, number, part);
@@ -221,7 +221,7 @@ impl Views {
     }
 
     /// Have some views rendered.
-    fn draw(&self, room: &Room, number: usize, eyes: &[Eye<'_>]) -> Pending {
+    fn draw(&self, room: &Room, number: usize, eyes: &[Viewpoint<'_>]) -> Pending {
         let (device, queue) = (self.gpu.device(), self.gpu.queue());
         let part = &room.pair[number % 2];
         let mut words = Words::with_capacity(eyes.len() * Scene::view_words(room.distractors));

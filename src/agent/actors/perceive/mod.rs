@@ -52,7 +52,7 @@ pub struct Learning {
 }
 
 /// What was seen in a frame.
-pub struct Sight {
+pub struct SeenFrame {
     pub observation: Arc<Observation>,
     /// At the end of an action.
     pub percept: Option<Percept>,
@@ -116,7 +116,7 @@ impl Perceive {
 
     /// See a frame: its observation, and at the end of an action the percept to act on. Tasks move at the end of actions, too,
     /// and what the action came to is outcomes by where they are then.
-    pub fn see(&mut self, frame: Frame) -> Sight {
+    pub fn see(&mut self, frame: Frame) -> SeenFrame {
         let pixels = match frame.view {
             View::Observation(pixels) => pixels,
             View::Image(image) => {
@@ -166,7 +166,7 @@ impl Perceive {
             outcomes: self.goals.outcomes_at(place),
             asked: std::mem::take(&mut self.asked),
         });
-        Sight { observation, percept, moved }
+        SeenFrame { observation, percept, moved }
     }
 
     /// Learn from what was seen, when a block is full or a model is asked for. A model that is due, but is not asked for now,
@@ -210,12 +210,12 @@ impl Perceive {
             stamp_ns: self.stamp_ns,
             frames: self.frames,
             sums,
-            window: self.judged_window(),
+            window: self.window_with_outcomes(),
             goals: self.goals.centres(),
         }))
     }
 
-    fn judged_window(&self) -> Vec<TaskTransition> {
+    fn window_with_outcomes(&self) -> Vec<TaskTransition> {
         let judge = |t: Transition<Arc<Observation>, Point2<f64>>| {
             let Transition { from, action, allowed, result, to, cell } = t;
             Transition { from, action, allowed, result: self.goals.outcomes_at(result), to, cell }
@@ -286,7 +286,7 @@ impl Perceive {
     }
 
     /// The stream, with the kernel width of the scenario or of the first frames.
-    fn begin(&self, first: &Mat<f32>) -> Result<SlowStream<f32>, Begin> {
+    fn begin(&self, first: &Mat<f32>) -> Result<SlowStream<f32>, BeginError> {
         let settings = &self.scenario.dictionary;
         let sigma = match settings.sigma {
             Some(sigma) => sigma,
@@ -295,7 +295,7 @@ impl Perceive {
         self.stream_of_width(sigma)
     }
 
-    fn stream_of_width(&self, sigma: f64) -> Result<SlowStream<f32>, Begin> {
+    fn stream_of_width(&self, sigma: f64) -> Result<SlowStream<f32>, BeginError> {
         let settings = &self.scenario.dictionary;
         let (kernel, budget, par) = (Kernel::radial(sigma, settings.exponent)?, settings.budget, self.par);
         let selection: Box<dyn Selection<f32>> = match settings.selection {
@@ -333,7 +333,7 @@ pub fn stream_options(scenario: &Scenario) -> StreamOptions {
 }
 
 /// The width at which the scenario's share of the first frames become support vectors, but not below [`NARROWEST`].
-fn automatic_width(first: &Mat<f32>, settings: &scenario::Dictionary, par: Par) -> Result<f64, Begin> {
+fn automatic_width(first: &Mat<f32>, settings: &scenario::Dictionary, par: Par) -> Result<f64, BeginError> {
     let median = median_distance(first.as_ref())?;
     let target = ((settings.sigma_share * first.ncols() as f64).round() as usize).max(1);
     let kernel = |sigma| Kernel::radial(sigma, settings.exponent);
@@ -348,7 +348,7 @@ fn automatic_width(first: &Mat<f32>, settings: &scenario::Dictionary, par: Par) 
 
 /// Why the stream could not begin.
 #[derive(Debug, Error)]
-enum Begin {
+enum BeginError {
     #[error(transparent)]
     Kernel(#[from] KernelError),
     #[error(transparent)]
@@ -357,12 +357,12 @@ enum Begin {
     Stream(#[from] SlowError),
 }
 
-impl Begin {
+impl BeginError {
     fn at_frame(self, last_frame: u64) -> PerceiveError {
         match self {
-            Begin::Kernel(error) => PerceiveError::Width(error),
-            Begin::Dictionary(cause) => PerceiveError::Block { last_frame, cause: cause.into() },
-            Begin::Stream(cause) => PerceiveError::Block { last_frame, cause },
+            BeginError::Kernel(error) => PerceiveError::Width(error),
+            BeginError::Dictionary(cause) => PerceiveError::Block { last_frame, cause: cause.into() },
+            BeginError::Stream(cause) => PerceiveError::Block { last_frame, cause },
         }
     }
 }

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use super::super::messages::{Item, Percept, SolveRequest};
 use super::super::record::{Level, Recorder};
-use super::{Learning, Perceive, Sight};
+use super::{Learning, Perceive, SeenFrame};
 use crate::agent::error::RunError;
 use crate::agent::runtime::clock::Clock;
 use crate::agent::runtime::marker::{Marker, Quiescence};
@@ -14,7 +14,7 @@ use crate::agent::runtime::status::Status;
 use crate::source::Frame;
 
 /// What the perceive actor has when it ends.
-pub struct Perceived {
+pub struct PerceiveResult {
     pub frames: u64,
     pub quarantined: u64,
     pub support_vectors: usize,
@@ -33,9 +33,9 @@ pub struct PerceiveLoop<'a> {
 
 impl PerceiveLoop<'_> {
     /// The perceive actor. A percept leaves before its block is learned from, so that control does not wait for learning.
-    pub fn run(&self, mut perceive: Perceive, frames: &Inbox<Item<Frame>>) -> Result<Perceived, RunError> {
+    pub fn run(&self, mut perceive: Perceive, frames: &Inbox<Item<Frame>>) -> Result<PerceiveResult, RunError> {
         let (record, status) = (&self.record, self.status);
-        let mut done = Perceived { frames: 0, quarantined: 0, support_vectors: 0, nu: None, clock: Clock::new() };
+        let mut done = PerceiveResult { frames: 0, quarantined: 0, support_vectors: 0, nu: None, clock: Clock::new() };
         // A run that goes on does so behind the last frame of an action.
         let (seen, mut last_number) = perceive.progress();
         let mut last_boundary = last_number;
@@ -68,7 +68,7 @@ impl PerceiveLoop<'_> {
             if last_number.replace(frame.number).is_none_or(|last| last + 1 != frame.number) {
                 last_boundary = None;
             }
-            let Sight { observation, percept, moved } = perceive.see(frame);
+            let SeenFrame { observation, percept, moved } = perceive.see(frame);
             // With an observation, a replay has the whole frame.
             sent = sent.and_then(|()| record.goals(&moved, observation.frame, stamp));
             sent = sent.and_then(|()| record.observation(&observation, stamp));
@@ -107,7 +107,7 @@ impl PerceiveLoop<'_> {
         }
     }
 
-    fn deliver(&self, learned: Learning, done: &mut Perceived) -> Result<(), Closed> {
+    fn deliver(&self, learned: Learning, done: &mut PerceiveResult) -> Result<(), Closed> {
         let (record, status) = (&self.record, self.status);
         if let Some(growth) = learned.growth {
             done.support_vectors = growth.size;

@@ -170,7 +170,7 @@ impl<'a> Shared<'a> {
             let outcomes = Outcomes { next: next.as_ref(), rewards: &rewards, allowed: Some(&allowed) };
             let fit = problem.fit(&outcomes, &iteration.options(lab))?;
             let trips = self.drive(&made.source, &fit, task, reflexes)?;
-            Ok::<_, ExperimentError>(self.judge(task, &trips, fit.converged))
+            Ok::<_, ExperimentError>(self.trial_result(task, &trips, fit.converged))
         };
         let tasks = 0..lab.scenario.tasks.len();
         let policies = tasks.map(|task| Iteration::ALL.iter().map(|&iteration| policy(task, iteration)).collect());
@@ -198,7 +198,7 @@ impl<'a> Shared<'a> {
         }))
     }
 
-    fn judge(&self, task: usize, trips: &[Trip], converged: bool) -> Policy {
+    fn trial_result(&self, task: usize, trips: &[Trip], converged: bool) -> Policy {
         let home = room_of(self.lab, Point2::from(self.lab.task(task).goal));
         let gamma = self.lab.scenario.value.gamma;
         let of = |wanted: &dyn Fn(usize) -> bool| {
