@@ -29,6 +29,11 @@
 //! ([`WhenFull`]). Everything that was summed over coordinates follows a [`Thinning`] exactly. [`width_for_size`] finds the
 //! kernel width at which ALD keeps a given number.
 //!
+//! # Numerics
+//! Coordinates, residuals and the factor are `f64`. What a selection takes and the coordinates of observations have the same bits for
+//! any [`faer::Par`]. When members leave ([`Dictionary::keep`], [`WhenFull::RaiseNu`], [`WhenFull::Replace`]), decompositions follow
+//! faer's global setting ([`crate::random::fix_parallelism`]).
+//!
 //! # Erratum of the thesis
 //! Algorithm 2 (§2.2.6) accepts an observation if `ε < ν`; its text, and Engel et al., accept it if `ε > ν`, as here.
 //!

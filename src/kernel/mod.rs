@@ -29,6 +29,11 @@
 //! `d` values per observation; observations are the *columns* of a `d × n` matrix `X`; `m` support vectors `S`,
 //! `d × m`; `k(x)` the kernel values of `x` with all support vectors, `m`; `K` a kernel matrix.
 //!
+//! # Numerics
+//! Kernel values of [`Kernel::matrix`] have the same bits for any [`faer::Par`], alone or in a block. The products of [`KernelPca`]
+//! follow the `par` that they are given, and its eigenvalues faer's global setting: its last bits may differ with either. Who
+//! compares bits calls [`crate::random::fix_parallelism`] first, and gives one `par`.
+//!
 //! # Reference
 //! Thesis §2.2.1 (kernel trick), §2.2.3 (kernels), §2.2.4 (covariance), §2.2.5 (approximation); Schölkopf & Smola,
 //! *Learning with Kernels*, 2002.

@@ -25,6 +25,11 @@
 //! with coefficients `a = L⁻ᵀw`, whose norm in the kernel's Hilbert space is `aᵀKa = ‖w‖²`. So the penalty is the plain
 //! `λ‖w‖²`, and the same running sums serve.
 //!
+//! # Numerics
+//! All in `f64`, but for observations of kernels. The products of [`Sums`] follow the `par` that they are given; Cholesky factors,
+//! eigenvalues and predictions follow faer's global setting. Last bits may differ with either: who compares bits calls
+//! [`crate::random::fix_parallelism`] first, and gives one `par`.
+//!
 //! # Reference
 //! Thesis §2.1 (regression), §2.1.4 (validation), §2.1.5 (algorithms 1 and 2), §2.2.2 (kernel ridge regression,
 //! algorithm 3); Hastie, Tibshirani & Friedman, *The Elements of Statistical Learning*, 2009, ch. 3 and 7; Engel,

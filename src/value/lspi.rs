@@ -40,7 +40,8 @@ pub struct Options {
     /// The policy of the first evaluation.
     pub start: Start,
     /// Let each action follow with the probability that it is the best one, given the local errors of the values,
-    /// instead of the greedy action alone.
+    /// instead of the greedy action alone. Each evaluation takes 20 to 150 times as long: of 20 000 samples 0.02 to 0.1 s on two
+    /// cores, for 2 to 5 actions and 10 to 50 features.
     pub soft: bool,
     /// κ > 0 of the policy-dependent norm: samples whose two best actions are close in value weigh more, the more the
     /// smaller κ is. `None`: weights as given.
