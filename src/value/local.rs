@@ -9,13 +9,13 @@
 //! The weights depend on neither rewards nor policy: they are found once, and tasks share them.
 //!
 //! # How to use it
-//! [`LocalBatch`] takes transitions one by one and gives [`LocalValues`], with a greedy policy for any point; the example
+//! [`LocalBatch`](super::LocalBatch) takes transitions one by one and gives [`LocalValues`](super::LocalValues), with a greedy policy for any point; the example
 //! `local_values` finds a way through a room with it. Who has matrices, several tasks, or rules of what may follow uses
 //! [`Instances`] (where actions were tried), [`Local`] (what the ends of transitions are near to) and [`Local::fit`] (one task).
 //!
 //! - All depends on distances: the coordinates of a point should be in units in which states that are near are alike. Where a thin
 //!   wall separates two places, coordinates of the plane call them near; slow features do not.
-//! - Where points lie and how they are scaled does not matter, but for what `f32` itself can hold ([`LocalBatch`] takes `f64`).
+//! - Where points lie and how they are scaled does not matter, but for what `f32` itself can hold ([`LocalBatch`](super::LocalBatch) takes `f64`).
 //! - Of an action that was never tried nothing is known: its value is −∞, and no greedy policy takes it. To try it is up to
 //!   exploration.
 //! - [`Fit::converged`] says that values settled, not that the policy is good: see [`Local::arrival`].
@@ -39,8 +39,6 @@ use faer::{Accum, Mat, MatRef, Par, Side};
 
 use super::error::{discount, finite_list, finite_matrix, parameter};
 use super::{Fit, ValueError};
-#[cfg(doc)]
-use super::{LocalBatch, LocalValues};
 use crate::kernel::products::map_all;
 
 /// States whose neighbours are searched in one product.
