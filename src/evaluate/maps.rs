@@ -92,6 +92,8 @@ pub struct RoomMaps {
     pub values: Vec<[Map; HEADINGS]>,
     /// Of each task, the number of the best action, a map for each heading.
     pub best: Vec<[Map; HEADINGS]>,
+    /// Of each task whose goal was shown, the share of headings at which the agent says that it is there.
+    pub there: Vec<Option<Map>>,
     /// Whether images were rendered for vision alone.
     pub coarse: bool,
 }
@@ -105,6 +107,8 @@ pub fn angle(heading: usize) -> f64 {
 struct View {
     features: Vec<f64>,
     tasks: Vec<(f64, usize)>,
+    /// For each task, whether the agent says that this is the goal.
+    there: Vec<bool>,
 }
 
 impl RoomMaps {
@@ -137,11 +141,14 @@ impl RoomMaps {
         let looked: Vec<Vec<View>> = inside.par_chunks(BLOCK).map(look).collect();
         let empty = || std::array::from_fn(|_| vec![f64::NAN; places.len()]);
         let tasks = learned.weights.len();
+        let mut nowhere = vec![f64::NAN; places.len()];
+        inside.iter().for_each(|&place| nowhere[place] = 0.0);
         let mut room_maps = RoomMaps {
             grid,
             features: (0..shown).map(|_| empty()).collect(),
             values: (0..tasks).map(|_| empty()).collect(),
             best: (0..tasks).map(|_| empty()).collect(),
+            there: (0..tasks).map(|task| learned.regions.get(task)?.as_ref().map(|_| nowhere.clone())).collect(),
             coarse: own.is_some(),
         };
         for (number, look) in looked.iter().flatten().enumerate() {
@@ -152,6 +159,9 @@ impl RoomMaps {
             for (task, &(value, action)) in look.tasks.iter().enumerate() {
                 room_maps.values[task][heading][place] = value;
                 room_maps.best[task][heading][place] = action as f64;
+                if let Some(there) = &mut room_maps.there[task] {
+                    there[place] += f64::from(u8::from(look.there[task])) / HEADINGS as f64;
+                }
             }
         }
         room_maps
@@ -193,11 +203,13 @@ fn looks_of(learned: &Learned, seen: &[Observation], shown: usize) -> Vec<View> 
         let q = (0..values.nrows()).map(|a| values[(a, j)]).enumerate();
         q.fold((f64::NEG_INFINITY, 0), |best, (a, q)| if q > best.0 { (q, a) } else { best })
     };
+    let there: Vec<Vec<bool>> = (0..values.len()).map(|task| learned.are_there(phi.as_ref(), task)).collect();
     (0..seen.len())
         .map(|j| View {
             // The first feature is the constant one.
             features: (0..shown).map(|i| phi[(i + 1, j)]).collect(),
             tasks: values.iter().map(|values| best(values, j)).collect(),
+            there: there.iter().map(|there| there[j]).collect(),
         })
         .collect()
 }

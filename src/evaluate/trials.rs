@@ -46,6 +46,26 @@ pub struct TaskResult {
     pub dithers_per_1000: f64,
     /// The same starts without reflexes, with the same weights, which count on the reflexes.
     pub without_reflexes: Option<WithoutReflexes>,
+    /// Of a goal that was shown: how well the agent knows that it is there.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub arrival: Option<Arrival>,
+}
+
+/// What came of trials in which the agent itself says that it has arrived, and ends them with that.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Arrival {
+    /// Trials that the agent ended so.
+    pub declared: usize,
+    /// Share of all trials that ended so truly at the goal: within the task's radius of the shown place.
+    pub true_rate: f64,
+    /// Share of those that ended so elsewhere.
+    pub false_rate: f64,
+    /// Distance from the shown place where they ended, median, metres; `None` if none did.
+    pub distance_p50_m: Option<f64>,
+    /// The same for 99 of 100.
+    pub distance_p99_m: Option<f64>,
+    /// Mean of γ^(steps − optimal steps to the radius), where all but true arrivals count 0.
+    pub quality: f64,
 }
 
 /// What the policy reaches without reflexes.
@@ -68,6 +88,8 @@ pub struct Trip {
     pub poses: Vec<Pose>,
     /// Whether it arrived.
     pub arrived: bool,
+    /// Distance from the shown place where the agent said that it had arrived, metres, if it did.
+    pub declared_at: Option<f64>,
     /// The optimal number of steps from its start; `None` where there is no way within the limit.
     pub optimal: Option<usize>,
 }
@@ -105,7 +127,10 @@ struct Trial {
     recent: Recent,
     actions: Vec<Action>,
     poses: Vec<Pose>,
+    /// Whether it is over.
+    ended: bool,
     arrived: bool,
+    declared_at: Option<f64>,
 }
 
 /// Outcome of the trials of one task.
@@ -165,7 +190,7 @@ impl Evaluator {
 
     /// The tasks as they are right behind the last frame that a model knows. A goal that lies where nobody can start outside of it stays where it was at first.
     fn courses(&self, learned: &Learned) -> Vec<Arc<TrialTask>> {
-        let mut goals: Vec<[f64; 2]> = self.scenario.tasks.iter().map(|task| task.goal).collect();
+        let mut goals: Vec<Option<[f64; 2]>> = self.scenario.tasks.iter().map(|task| task.goal).collect();
         if learned.goals.len() == goals.len() {
             goals.clone_from(&learned.goals);
         }
@@ -176,12 +201,13 @@ impl Evaluator {
                 && (0..per_action)
                     .contains(&(learned.asked_at + 1).wrapping_sub(change.first_frame(&self.scenario.robot)))
             {
-                goals[task] = goal;
+                goals[task] = Some(goal);
             }
         }
-        let at = |(course, goal): (&Arc<TrialTask>, [f64; 2])| {
+        let at = |(course, goal): (&Arc<TrialTask>, Option<[f64; 2]>)| {
             let plan = &self.world.plan;
-            let (centre, radius) = (Point2::from(goal), course.task.radius);
+            let Some(place) = goal else { return course.clone() };
+            let (centre, radius) = (Point2::from(place), course.task.radius);
             if goal == course.task.goal || !plan.reaches_circle(centre, radius) || !plan.leaves_circle(centre, radius) {
                 return course.clone();
             }
@@ -213,7 +239,8 @@ impl Evaluator {
                 Outcome::new(&self.run(learned, task, course, reflexes.off()), &self.scenario.robot.actions())
             });
             let result = self.result(course, &Outcome::new(&trials, &self.scenario.robot.actions()), unaided.as_ref());
-            (result, course.ways(trials))
+            let arrival = course.task.is_shown().then(|| self.arrival(course, &trials));
+            (TaskResult { arrival, ..result }, course.ways(trials))
         });
         tried.collect()
     }
@@ -233,7 +260,7 @@ impl Evaluator {
 
     fn result(&self, course: &TrialTask, outcome: &Outcome, unaided: Option<&Outcome>) -> TaskResult {
         let optimal = &course.optimal;
-        let n = optimal.len();
+        let n = outcome.steps.len();
         let arrived = outcome.steps.iter().flatten().count();
         let extra: Vec<f64> = outcome
             .steps
@@ -244,7 +271,7 @@ impl Evaluator {
         TaskResult {
             name: course.task.name.clone(),
             starts: n,
-            success: arrived as f64 / n as f64,
+            success: share(arrived, n),
             success_wilson_low: wilson_low(arrived, n),
             mean_steps: outcome.mean_steps(),
             optimal_mean_steps: mean(optimal.iter().flatten().map(|&best| best as f64)).unwrap_or(f64::NAN),
@@ -253,11 +280,28 @@ impl Evaluator {
             reference_success: course.reference,
             dithers_per_1000: outcome.dithers_per_1000(),
             without_reflexes: unaided.map(|outcome| WithoutReflexes {
-                success: outcome.steps.iter().flatten().count() as f64 / n as f64,
+                success: share(outcome.steps.iter().flatten().count(), n),
                 mean_steps: outcome.mean_steps(),
                 convergence_quality: self.quality(course, outcome),
                 dithers_per_1000: outcome.dithers_per_1000(),
             }),
+            arrival: None,
+        }
+    }
+
+    fn arrival(&self, course: &TrialTask, trials: &[Trial]) -> Arrival {
+        let mut distances: Vec<f64> = trials.iter().filter_map(|trial| trial.declared_at).collect();
+        distances.sort_by(f64::total_cmp);
+        let quantile =
+            |share: f64| distances.get(((distances.len() as f64 * share) as usize).min(distances.len().max(1) - 1));
+        let (declared, right) = (distances.len(), trials.iter().filter(|trial| trial.arrived).count());
+        Arrival {
+            declared,
+            true_rate: share(right, trials.len()),
+            false_rate: share(declared - right, declared),
+            distance_p50_m: quantile(0.5).copied(),
+            distance_p99_m: quantile(0.99).copied(),
+            quality: self.quality(course, &Outcome::new(trials, &self.scenario.robot.actions())),
         }
     }
 
@@ -271,14 +315,22 @@ impl Evaluator {
             (Some(_), None) => 1.0,
             (None, _) => 0.0,
         });
-        ratios.sum::<f64>() / outcome.steps.len() as f64
+        ratios.sum::<f64>() / outcome.steps.len().max(1) as f64
     }
 
     fn run(&self, learned: &Learned, task: usize, course: &TrialTask, reflexes: Reflexes) -> Vec<Trial> {
+        // Of a goal that is still to be shown, nobody knows where it is.
+        if course.task.goal.is_none() {
+            return Vec::new();
+        }
         let greedy = |situation: &Situation<'_>| {
             // These trials have a camera.
-            let values = situation.seen.map_or(ActionValues::new([]), |seen| learned.q_values(seen, task));
-            reflexes.best(&values, situation.recent).0
+            let state = situation.seen.map(|seen| learned.state(seen));
+            if state.as_ref().is_some_and(|state| state.is_there(task)) {
+                return None;
+            }
+            let values = state.map_or(ActionValues::new([]), |state| state.q_values(task));
+            Some(reflexes.best(&values, situation.recent).0)
         };
         self.drive(course, Some(learned.asked_at + 1), &greedy)
     }
@@ -289,20 +341,20 @@ impl Evaluator {
     /// Without a `camera`, which takes most of the time, the policy is shown the pose alone.
     pub fn trips(&self, task: usize, camera: bool, choose: &(dyn Fn(&Situation<'_>) -> Action + Sync)) -> Vec<Trip> {
         let course = &self.courses[task];
-        course.ways(self.drive(course, camera.then_some(0), choose))
+        course.ways(self.drive(course, camera.then_some(0), &|situation| Some(choose(situation))))
     }
 
     /// All trials of a task, one step of all of them at a time: seen and judged side by side, then driven. `frame` says how the
-    /// world looks; without it there is no camera.
+    /// world looks; without it there is no camera. Who chooses nothing says that it has arrived.
     fn drive(
         &self,
         course: &TrialTask,
         frame: Option<u64>,
-        choose: &(dyn Fn(&Situation<'_>) -> Action + Sync),
+        choose: &(dyn Fn(&Situation<'_>) -> Option<Action> + Sync),
     ) -> Vec<Trial> {
         let mut trials = self.begin(course);
         for _ in 0..self.scenario.evaluate.max_steps {
-            let mut active: Vec<&mut Trial> = trials.iter_mut().filter(|trial| !trial.arrived).collect();
+            let mut active: Vec<&mut Trial> = trials.iter_mut().filter(|trial| !trial.ended).collect();
             if active.is_empty() {
                 break;
             }
@@ -310,7 +362,7 @@ impl Evaluator {
                 let seen = sees.then_some(&trial.seen);
                 choose(&Situation { pose: &trial.robot.pose, seen, recent: trial.recent })
             };
-            let actions: Vec<Action> = match frame {
+            let actions: Vec<Option<Action>> = match frame {
                 Some(frame) => {
                     let place = |trial: &&mut Trial| (trial.robot.pose, self.later(trial));
                     self.world.appearance.see_all(frame, &mut active, place, |trial, image| {
@@ -322,22 +374,27 @@ impl Evaluator {
                 None => active.par_iter().map(|trial| judge(trial, false)).collect(),
             };
             for (trial, action) in active.iter_mut().zip(actions) {
-                self.act(trial, action, &course.task);
+                match action {
+                    Some(action) => self.act(trial, action, &course.task),
+                    None => trial.declare(&course.task),
+                }
             }
         }
         trials
     }
 
     fn reference_success(&self, course: &TrialTask) -> f64 {
-        let goal = Point2::from(course.task.goal);
+        let Some(goal) = course.task.goal.map(Point2::from) else { return 0.0 };
+        // It drives by the true pose, and knows when it is there.
+        let by_pose = Task { within: None, ..course.task.clone() };
         let mut trials = self.begin(course);
         for trial in &mut trials {
-            while !trial.arrived && trial.actions.len() < self.scenario.evaluate.max_steps {
+            while !trial.ended && trial.actions.len() < self.scenario.evaluate.max_steps {
                 let action = reference_action(&trial.robot.pose, goal);
-                self.act(trial, action, &course.task);
+                self.act(trial, action, &by_pose);
             }
         }
-        trials.iter().filter(|trial| trial.arrived).count() as f64 / trials.len() as f64
+        share(trials.iter().filter(|trial| trial.arrived).count(), trials.len())
     }
 
     /// Robots at the starts, each with noise of its own, the same for every policy.
@@ -358,7 +415,9 @@ impl Evaluator {
                 recent: Recent::default(),
                 actions: Vec::new(),
                 poses: vec![pose],
+                ended: false,
                 arrived: false,
+                declared_at: None,
             }
         };
         course.starts.iter().enumerate().map(begin).collect()
@@ -378,15 +437,32 @@ impl Evaluator {
         trial.actions.push(action);
         trial.poses.push(trial.robot.pose);
         trial.recent = trial.recent.then(action, blocked);
-        trial.arrived = in_goal(task, trial.robot.pose.position);
+        // Where the goal was shown, the agent has to say that it is there.
+        trial.arrived = !task.is_shown() && in_goal(task, trial.robot.pose.position);
+        trial.ended = trial.arrived;
     }
+}
+
+impl Trial {
+    /// The agent says that this is the goal.
+    fn declare(&mut self, task: &Task) {
+        let position = self.robot.pose.position;
+        self.ended = true;
+        self.arrived = in_goal(task, position);
+        self.declared_at = task.goal.map(|goal| (position - Point2::from(goal)).norm());
+    }
+}
+
+/// A share of `n`, 0 of nothing.
+fn share(count: usize, n: usize) -> f64 {
+    count as f64 / n.max(1) as f64
 }
 
 impl TrialTask {
     fn ways(&self, trials: Vec<Trial>) -> Vec<Trip> {
         let way = |(trial, &optimal): (Trial, &Option<usize>)| {
-            let Trial { poses, arrived, .. } = trial;
-            Trip { poses, arrived, optimal }
+            let Trial { poses, arrived, declared_at, .. } = trial;
+            Trip { poses, arrived, declared_at, optimal }
         };
         trials.into_iter().zip(&self.optimal).map(way).collect()
     }

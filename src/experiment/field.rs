@@ -94,6 +94,7 @@ impl Field<'_> {
             let best = |trip: &Trip| Trip {
                 poses: vec![trip.poses[0]; trip.optimal.unwrap_or(0) + 1],
                 arrived: trip.optimal.is_some(),
+                declared_at: None,
                 optimal: trip.optimal,
             };
             Ok(self.trials.reference[task].iter().map(best).collect())

@@ -111,6 +111,12 @@ impl Lab {
         &self.scenario.tasks[task]
     }
 
+    /// Centre of a task's goal area.
+    pub fn goal(&self, task: usize) -> Point2<f64> {
+        // The goals of experiments are areas.
+        Point2::from(self.task(task).goal.unwrap_or([f64::NAN; 2]))
+    }
+
     /// Number of a task.
     pub fn task_number(&self, name: &str) -> Option<usize> {
         self.scenario.tasks.iter().position(|task| task.name == name)

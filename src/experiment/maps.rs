@@ -140,9 +140,14 @@ pub fn rooms(title: &str, lab: &Lab, rooms: &[(&Task, String, Vec<Way<'_>>)]) ->
         let (left, top) = (GAP + number as f64 * (wide + 2.0 * GAP), 34.0 + HEAD + GAP);
         let place = |point: Point2<f64>| (left + (point.x - low.x) * scale, top + (high.y - point.y) * scale);
         let _ = writeln!(svg, "<text x=\"{left:.1}\" y=\"{:.1}\" font-size=\"13\">{}</text>", top - 8.0, escape(name));
-        let (x, y) = place(Point2::from(task.goal));
-        let _ =
-            writeln!(svg, "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{:.1}\" fill=\"#e9b0a8\"/>", task.radius * scale);
+        let goal = task.goal.map(|goal| place(goal.into()));
+        if let Some((x, y)) = goal {
+            let _ = writeln!(
+                svg,
+                "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{:.1}\" fill=\"#e9b0a8\"/>",
+                task.radius * scale
+            );
+        }
         for (a, b) in lab.scenario.world.walls.iter().flat_map(plan_segments) {
             let ((ax, ay), (bx, by)) = (place(a), place(b));
             let _ = writeln!(

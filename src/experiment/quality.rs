@@ -45,7 +45,7 @@ impl<'a> Trials<'a> {
     pub fn against(lab: &'a Lab, starts: usize, policy: impl Fn(&Pose, Point2<f64>) -> Action + Sync) -> Self {
         let evaluator = Evaluator::new(lab.scenario.clone(), lab.world.clone(), starts, lab.scenario.seed);
         let of_task = |task: usize| {
-            let goal = Point2::from(lab.task(task).goal);
+            let goal = lab.goal(task);
             evaluator.trips(task, false, &|situation| policy(situation.pose, goal))
         };
         let reference = (0..lab.scenario.tasks.len()).map(of_task).collect();
@@ -99,7 +99,12 @@ mod tests {
     use crate::robot::Pose;
 
     fn trip(steps: usize, arrived: bool, optimal: usize) -> Trip {
-        Trip { poses: vec![Pose::new(Point2::origin(), 0.0); steps + 1], arrived, optimal: Some(optimal) }
+        Trip {
+            poses: vec![Pose::new(Point2::origin(), 0.0); steps + 1],
+            arrived,
+            declared_at: None,
+            optimal: Some(optimal),
+        }
     }
 
     #[test]

@@ -48,7 +48,7 @@ pub struct TaskView {
     /// Its name.
     pub name: String,
     /// Centre of the goal area, metres.
-    pub goal: [f64; 2],
+    pub goal: Option<[f64; 2]>,
     /// Radius of the goal area, metres.
     pub radius: f64,
 }
@@ -290,7 +290,7 @@ impl Watcher {
             tasks: scenario.map_or_else(Vec::new, |scenario| {
                 let view = |task: &crate::scenario::Task| TaskView {
                     name: task.name.clone(),
-                    goal: gathered.goals.get(&task.name).copied().unwrap_or(task.goal),
+                    goal: gathered.goals.get(&task.name).copied().or(task.goal),
                     radius: task.radius,
                 };
                 scenario.tasks.iter().map(view).collect()

@@ -25,6 +25,17 @@ pub struct Tally {
     pub ended: usize,
 }
 
+/// A pursuit that is over.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PursuitEnd {
+    /// Number of the task.
+    pub task: usize,
+    /// Whether it reached the goal; if not, it was given up.
+    pub arrived: bool,
+    /// Actions that it took.
+    pub actions: usize,
+}
+
 /// When to explore and when to pursue a goal.
 ///
 /// The share of pursuits is 0 during `explore_actions` and then rises linearly to `pursue_share` at the end of the run.
@@ -62,21 +73,34 @@ impl BehaviourSchedule {
         }
     }
 
-    /// The behaviour for action number `action` (from 0). `in_goal`: which tasks' goals the robot is in now; `able`: whether
-    /// there is a policy to pursue with.
-    pub fn next(&mut self, action: usize, in_goal: &[bool], able: bool) -> Behaviour {
-        if let Behaviour::Pursue(task) = self.leg
-            && (in_goal[task] || self.left == 0)
-        {
-            self.tallies[task].ended += 1;
-            self.tallies[task].reached += usize::from(in_goal[task]);
-            let then = if in_goal[task] { self.then[task] } else { Then::Schedule };
-            self.begin(then, action, in_goal, able);
+    /// The behaviour for action number `action` (from 0), and the pursuit that is over before it. `in_goal`: whether the robot is
+    /// in a task's goal now; `able`: whether there is a policy for it.
+    pub fn next(
+        &mut self,
+        action: usize,
+        in_goal: &dyn Fn(usize) -> bool,
+        able: &dyn Fn(usize) -> bool,
+    ) -> (Behaviour, Option<PursuitEnd>) {
+        let mut ended = None;
+        if let Behaviour::Pursue(task) = self.leg {
+            let arrived = in_goal(task);
+            if arrived || self.left == 0 {
+                self.tallies[task].ended += 1;
+                self.tallies[task].reached += usize::from(arrived);
+                ended = Some(PursuitEnd { task, arrived, actions: self.pursue_timeout - self.left });
+                let then = if arrived { self.then[task] } else { Then::Schedule };
+                self.begin(then, action, in_goal, able);
+            }
         } else if self.left == 0 {
             self.begin(Then::Schedule, action, in_goal, able);
         }
         self.left -= 1;
-        self.leg
+        (self.leg, ended)
+    }
+
+    /// What the scenario says about the time after a task's goal was reached.
+    pub fn then(&self, task: usize) -> Then {
+        self.then[task]
     }
 
     /// How pursuits ended so far, by task.
@@ -84,14 +108,14 @@ impl BehaviourSchedule {
         &self.tallies
     }
 
-    fn begin(&mut self, then: Then, action: usize, in_goal: &[bool], able: bool) {
+    fn begin(&mut self, then: Then, action: usize, in_goal: &dyn Fn(usize) -> bool, able: &dyn Fn(usize) -> bool) {
         let drawn = self.rng.random_range(0.0..1.0) < self.share(action);
-        let pursue = able && (then == Then::NextTask || then == Then::Schedule && drawn);
+        let pursue = then == Then::NextTask || then == Then::Schedule && drawn;
         // A pursuit of a goal in which the robot stands would be over at once: the next task's turn.
         let tasks = self.tallies.len();
-        let next = (1..=tasks).map(|step| (self.last_task + step) % tasks).find(|&task| !in_goal[task]);
-        (self.leg, self.left) = match next {
-            Some(task) if pursue => {
+        let mut others = (1..=tasks).map(|step| (self.last_task + step) % tasks);
+        (self.leg, self.left) = match others.find(|&task| pursue && able(task) && !in_goal(task)) {
+            Some(task) => {
                 self.last_task = task;
                 (Behaviour::Pursue(task), self.pursue_timeout)
             }

@@ -1,5 +1,6 @@
 //! What was learned: slow features and, for each task, the worth of each action.
 
+use std::cell::OnceCell;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -8,6 +9,7 @@ use sha2::{Digest, Sha256};
 
 use super::metric;
 use super::pixel_values::{PixelPoints, PixelValues, PolicyError};
+use super::region::GoalRegion;
 use crate::robot::{ActionValues, MOST_ACTIONS};
 use crate::scenario::hex;
 use crate::slow::SlowModel;
@@ -30,10 +32,14 @@ pub struct Learned {
     pub weights: Vec<Mat<f64>>,
     /// Of local values: where actions were tried, in coordinates of the slowest features (`N` transitions).
     pub instances: Option<Arc<Instances>>,
-    /// Centres of the goal areas that the weights were fitted for, by task; none: those of the scenario.
-    pub goals: Vec<[f64; 2]>,
+    /// Centres of the goal areas that the weights were fitted for, by task, where they are known; none: those of the scenario.
+    pub goals: Vec<Option<[f64; 2]>>,
+    /// What counts as being at the goal, by task; `None` where no marks say it. None at all without such a task.
+    pub regions: Vec<Option<GoalRegion>>,
     /// The same Q-values, straight from pixels.
     values: Values,
+    /// Where values are linear: points of observations in the regions' coordinates.
+    region_points: Option<PixelPoints>,
 }
 
 /// Q-values straight from pixels.
@@ -41,6 +47,50 @@ pub struct Learned {
 enum Values {
     Linear(PixelValues),
     Local(PixelPoints),
+}
+
+/// What a model makes of one observation.
+#[derive(Debug)]
+pub struct State<'a> {
+    learned: &'a Learned,
+    observation: &'a Observation,
+    /// The point in coordinates of the slowest features, `p × 1`.
+    point: OnceCell<Mat<f32>>,
+}
+
+impl State<'_> {
+    /// Q-values for one task.
+    ///
+    /// # Panics
+    /// As [`Learned::q_values`].
+    pub fn q_values(&self, task: usize) -> ActionValues {
+        match &self.learned.values {
+            Values::Linear(values) => values.of(self.observation, task),
+            Values::Local(points) => self.learned.local_values_at(self.point(points), task..task + 1)[0],
+        }
+    }
+
+    /// Whether this is the goal of a task that was shown; never without marks.
+    ///
+    /// # Panics
+    /// As [`Learned::q_values`].
+    pub fn is_there(&self, task: usize) -> bool {
+        let Some(Some(region)) = self.learned.regions.get(task) else { return false };
+        let points = match &self.learned.values {
+            Values::Linear(_) => self.learned.region_points.as_ref(),
+            Values::Local(points) => Some(points),
+        };
+        points.is_some_and(|points| region.holds(self.point(points))[0])
+    }
+
+    fn point(&self, points: &PixelPoints) -> MatRef<'_, f32> {
+        self.point.get_or_init(|| as_point(points, self.observation)).as_ref()
+    }
+}
+
+fn as_point(points: &PixelPoints, observation: &Observation) -> Mat<f32> {
+    let point = points.of(observation);
+    Mat::from_fn(point.len(), 1, |i, _| point[i] as f32)
 }
 
 /// Observations as the columns of a matrix, `d × n`, in the whole numbers that kernels are exact on.
@@ -74,7 +124,8 @@ impl Learned {
         weights: Vec<Mat<f64>>,
     ) -> Result<Self, PolicyError> {
         let values = Values::Linear(PixelValues::new(&model, &weights)?);
-        Ok(Learned { epoch, asked_at, frames, model, weights, instances: None, goals: Vec::new(), values })
+        let (goals, regions, region_points) = (Vec::new(), Vec::new(), None);
+        Ok(Learned { epoch, asked_at, frames, model, weights, instances: None, goals, regions, values, region_points })
     }
 
     /// Features with local values: where actions were tried, as [`points`](super::points) of the model, and what each
@@ -113,13 +164,36 @@ impl Learned {
             weights: worth,
             instances: Some(instances),
             goals: Vec::new(),
+            regions: Vec::new(),
             values,
+            region_points: None,
         })
     }
 
     /// The same, fitted for goals with these centres, by task.
-    pub fn for_goals(self, goals: Vec<[f64; 2]>) -> Self {
+    pub fn for_goals(self, goals: Vec<Option<[f64; 2]>>) -> Self {
         Learned { goals, ..self }
+    }
+
+    /// The same, with what counts as being at each task's goal.
+    ///
+    /// # Errors
+    /// Regions in more coordinates than there are features, or in others than local values have.
+    pub fn with_regions(self, regions: Vec<Option<GoalRegion>>) -> Result<Self, PolicyError> {
+        let mut region_points = None;
+        for found in regions.iter().flatten().map(|region| region.marks().nrows()) {
+            let of_values = self.instances.as_ref().map(|instances| instances.points().nrows());
+            if found > self.model.slowness.len() || of_values.is_some_and(|of_values| of_values != found) {
+                return Err(PolicyError::Coordinates {
+                    found,
+                    features: of_values.unwrap_or(self.model.slowness.len()),
+                });
+            }
+            if of_values.is_none() && region_points.is_none() {
+                region_points = Some(PixelPoints::new(&self.model, metric::weights(&self.model, found).as_ref())?);
+            }
+        }
+        Ok(Learned { regions, region_points, ..self })
     }
 
     /// How many actions it has values for.
@@ -154,10 +228,12 @@ impl Learned {
     /// # Panics
     /// If the observation is not of the size that the scenario sets, see [`Learned::features`], or if there is no such task.
     pub fn q_values(&self, observation: &Observation, task: usize) -> ActionValues {
-        match &self.values {
-            Values::Linear(values) => values.of(observation, task),
-            Values::Local(points) => self.local_values_at(points, observation, task..task + 1)[0],
-        }
+        self.state(observation).q_values(task)
+    }
+
+    /// What the model makes of an observation, computed when it is asked for and once.
+    pub fn state<'a>(&'a self, observation: &'a Observation) -> State<'a> {
+        State { learned: self, observation, point: OnceCell::new() }
     }
 
     /// Q-values of an observation for every task: the same as [`Learned::q_values`] of each, at the cost of one where values are
@@ -168,20 +244,28 @@ impl Learned {
     pub fn q_values_of_all_tasks(&self, observation: &Observation) -> Vec<ActionValues> {
         match &self.values {
             Values::Linear(values) => (0..self.weights.len()).map(|task| values.of(observation, task)).collect(),
-            Values::Local(points) => self.local_values_at(points, observation, 0..self.weights.len()),
+            Values::Local(points) => {
+                self.local_values_at(as_point(points, observation).as_ref(), 0..self.weights.len())
+            }
         }
     }
 
     /// Local values of some tasks for what the camera sees.
-    fn local_values_at(
-        &self,
-        points: &PixelPoints,
-        observation: &Observation,
-        tasks: Range<usize>,
-    ) -> Vec<ActionValues> {
-        let point = points.of(observation);
-        let point = Mat::from_fn(point.len(), 1, |i, _| point[i] as f32);
-        self.local_values(point.as_ref(), tasks).iter().map(|q| ActionValues::new(q.col(0).iter().copied())).collect()
+    fn local_values_at(&self, point: MatRef<'_, f32>, tasks: Range<usize>) -> Vec<ActionValues> {
+        self.local_values(point, tasks).iter().map(|q| ActionValues::new(q.col(0).iter().copied())).collect()
+    }
+
+    /// Whether there is a goal to pursue: one that is `shown` needs marks.
+    pub fn has_goal(&self, task: usize, shown: bool) -> bool {
+        !shown || self.regions.get(task).is_some_and(Option::is_some)
+    }
+
+    /// Whether observations are at the goal of a task that was shown, by their features, `f × n`.
+    pub fn are_there(&self, phi: MatRef<'_, f64>, task: usize) -> Vec<bool> {
+        match self.regions.get(task) {
+            Some(Some(region)) => region.holds(metric::points(&self.model, phi, region.marks().nrows()).as_ref()),
+            _ => vec![false; phi.ncols()],
+        }
     }
 
     /// Q-values of observations for all tasks from their features: `phi: f × n` gives `actions × n` for each.
@@ -217,6 +301,12 @@ impl Learned {
         for weights in &self.weights {
             hash.update(bytes_of(weights.as_ref()));
         }
+        for region in self.regions.iter().flatten() {
+            hash.update(region.within().to_le_bytes());
+            hash.update(bytes_of_points(region.marks()));
+            hash.update(bytes_of_points(region.states()));
+            hash.update(bytes_of(region.places().as_ref()));
+        }
         hex(&hash.finalize())
     }
 
@@ -238,13 +328,7 @@ impl Learned {
         bytes.extend((options.neighbours as u64).to_le_bytes());
         bytes.extend(options.ridge.to_le_bytes());
         bytes.extend(instances.counts().iter().flat_map(|&count| (count as u64).to_le_bytes()));
-        bytes.extend(
-            instances
-                .points()
-                .col_iter()
-                .flat_map(|point| point.iter().copied().collect::<Vec<f32>>())
-                .flat_map(f32::to_le_bytes),
-        );
+        bytes.extend(bytes_of_points(instances.points()));
         bytes
     }
 
@@ -260,6 +344,11 @@ impl Learned {
         bytes.extend(model.offset.iter().flat_map(|value| value.to_le_bytes()));
         bytes
     }
+}
+
+/// Points column by column.
+fn bytes_of_points(points: MatRef<'_, f32>) -> Vec<u8> {
+    points.col_iter().flat_map(|point| point.iter().copied().collect::<Vec<f32>>()).flat_map(f32::to_le_bytes).collect()
 }
 
 fn bytes_of(matrix: MatRef<'_, f64>) -> Vec<u8> {

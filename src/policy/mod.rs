@@ -5,11 +5,13 @@ mod learned;
 mod metric;
 mod pixel_values;
 mod reflex;
+mod region;
 mod walk;
 
-pub use behaviour::{Behaviour, BehaviourSchedule, Tally};
-pub use learned::{Learned, columns};
+pub use behaviour::{Behaviour, BehaviourSchedule, PursuitEnd, Tally};
+pub use learned::{Learned, State, columns};
 pub use metric::points;
 pub use pixel_values::{PixelPoints, PixelValues, PolicyError};
 pub use reflex::{Recent, Reflexes};
+pub use region::GoalRegion;
 pub use walk::{Walk, clearance_ahead};

@@ -48,10 +48,10 @@ impl Room<'_> {
         marks
     }
 
-    /// The goal area of a task.
-    pub fn goal(&self, task: usize) -> Mark {
+    /// The goal area of a task, where it is known.
+    pub fn goal(&self, task: usize) -> Option<Mark> {
         let task = &self.scenario.tasks[task];
-        Mark::Disc(task.goal, task.radius, GOAL)
+        Some(Mark::Disc(task.goal?, task.radius, GOAL))
     }
 
     /// Lines over the places that a task calls near a wall, `apart` metres from each other.

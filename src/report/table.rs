@@ -160,6 +160,21 @@ pub fn tasks_table(tasks: &[TaskResult], pose: Option<&PoseDecode>) -> String {
             number(alone.map(|alone| alone.convergence_quality), 3),
         );
     }
+    for (task, arrival) in tasks.iter().filter_map(|task| Some((task, task.arrival.as_ref()?))) {
+        let name = &task.name;
+        let _ = match (arrival.distance_p50_m, arrival.distance_p99_m) {
+            (Some(half), Some(nearly)) => writeln!(
+                text,
+                "{name} was shown: {} of {} trials end where the agent says so, {:.1} % of them elsewhere; {half:.2} m from the \
+                 shown place in the median, {nearly:.2} m for 99 of 100",
+                arrival.declared,
+                task.starts,
+                100.0 * arrival.false_rate,
+            ),
+            _ if task.starts == 0 => writeln!(text, "{name} was not shown yet, or nobody knows where: no trials"),
+            _ => writeln!(text, "{name} was shown, and the agent never says that it is there"),
+        };
+    }
     if let Some(pose) = pose {
         let _ = writeln!(
             text,

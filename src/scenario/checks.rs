@@ -5,7 +5,7 @@ use nalgebra::Point2;
 use super::change::ChangeKind;
 use super::keys::Reader;
 use super::plan::{Plan, PlanFault, clearance};
-use super::sections::{Detail, Mode, Scenario, WhenBehind};
+use super::sections::{Detail, Mode, Scenario, Task, WhenBehind};
 
 /// Report what does not fit together.
 pub(super) fn check(s: &Scenario, reader: &mut Reader<'_>) {
@@ -13,6 +13,7 @@ pub(super) fn check(s: &Scenario, reader: &mut Reader<'_>) {
     modes(s, reader);
     changes(s, reader);
     tasks(s, reader);
+    shows(s, reader);
     rooms(s, reader);
     if s.world.walls.is_empty() {
         if reader.sound(&["world"]) {
@@ -108,6 +109,13 @@ fn changes(s: &Scenario, reader: &mut Reader<'_>) {
         }
         let (key, tasks) = (format!("change.{index}.task"), s.tasks.len());
         if let ChangeKind::Goal { task, .. } = change.what
+            && s.tasks.get(task).is_some_and(Task::is_shown)
+            && reader.sound(&[&key, "task"])
+        {
+            let text = format!("= {task} has a goal that is shown: [[show]] moves it, not a [[change]]");
+            reader.fault_at(&key, text);
+        }
+        if let ChangeKind::Goal { task, .. } = change.what
             && task >= tasks
             && tasks > 0
             && reader.sound(&[&key, "task"])
@@ -149,6 +157,31 @@ fn tasks(s: &Scenario, reader: &mut Reader<'_>) {
         if task.name.is_empty() || s.tasks[..index].iter().any(|other| other.name == task.name) {
             let text = format!("= {:?} is not allowed: names must be unique and not empty", task.name);
             reader.fault_at(&format!("task.{index}.name"), text);
+        }
+    }
+}
+
+/// What is shown is the goal of a task that waits for it, one after the other, and before the run ends.
+fn shows(s: &Scenario, reader: &mut Reader<'_>) {
+    let shown: Vec<&str> = s.tasks.iter().filter(|task| task.is_shown()).map(|task| task.name.as_str()).collect();
+    for (index, show) in s.shows.iter().enumerate() {
+        let (task, action) = (format!("show.{index}.task"), format!("show.{index}.action"));
+        if !shown.contains(&show.task.as_str()) && reader.sound(&[&task, "task"]) {
+            let text = format!("= {:?} is not a task with goal = \"shown\": there are {shown:?}", show.task);
+            reader.fault_at(&task, text);
+        }
+        if *show.actions().end() >= s.actions && reader.sound(&[&action, "actions"]) {
+            let most = s.actions.saturating_sub(show.headings + 1);
+            let text =
+                format!("= {} is too late: with {} headings it must be in [0, {most}]", show.action, show.headings);
+            reader.fault_at(&action, text);
+        }
+        let before = s.shows[..index].iter().map(|other| other.actions());
+        if let Some(other) = before.into_iter().find(|other| show.action <= *other.end())
+            && reader.sound(&[&action])
+        {
+            let text = format!("= {} is not after the show before it: it must be above {}", show.action, other.end());
+            reader.fault_at(&action, text);
         }
     }
 }
@@ -239,12 +272,16 @@ fn areas(s: &Scenario) -> Vec<Area> {
         let radius = s.tasks.get(task)?.radius;
         Some(Area { keys: [key, format!("task.{task}.radius")], centre, radius })
     };
-    let first = s.tasks.iter().enumerate().map(|(index, task)| at(format!("task.{index}.goal"), index, task.goal));
+    let first = s.tasks.iter().enumerate().map(|(index, task)| at(format!("task.{index}.goal"), index, task.goal?));
     let later = s.changes.iter().enumerate().map(|(index, change)| match change.what {
         ChangeKind::Goal { task, goal } => at(format!("change.{index}.goal"), task, goal),
         _ => None,
     });
-    first.chain(later).flatten().collect()
+    let shown = s.shows.iter().enumerate().map(|(index, show)| {
+        let task = s.tasks.iter().position(|task| task.name == show.task)?;
+        at(format!("show.{index}.at"), task, show.at)
+    });
+    first.chain(later).chain(shown).flatten().collect()
 }
 
 fn goals(s: &Scenario, plan: &Plan, reader: &mut Reader<'_>) {

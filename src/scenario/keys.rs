@@ -308,6 +308,24 @@ impl<'t> Section<'_, 't> {
         value
     }
 
+    /// The same, or a word instead of it: `None`.
+    pub fn point_or(&mut self, key: &str, default: [f64; 2], word: &str, doc: &str) -> Option<[f64; 2]> {
+        let value = match self.take(key) {
+            Found::Nothing => Some(default),
+            Found::Value(value, _) if value.as_str() == Some(word) => None,
+            Found::Value(value, line) => match as_point(&value) {
+                Some(point) => Some(point),
+                None => {
+                    let allowed = format!("two finite numbers, [x, y], or \"{word}\"");
+                    Some(self.refuse(key, line, &shown(&value), &allowed, default))
+                }
+            },
+        };
+        let text = value.map_or_else(|| format!("{word:?}"), |point| format!("{point:?}"));
+        self.write(key, &text, &format!("m, or \"{word}\": {doc}"));
+        value
+    }
+
     /// At least two points, `[[x, y], …]` in metres; there is no default.
     pub fn points(&mut self, key: &str, doc: &str) -> Vec<[f64; 2]> {
         let allowed = "at least two points, [[x, y], [x, y], …]";

@@ -206,5 +206,5 @@ fn distance_to_segment(point: Point2<f64>, a: Point2<f64>, b: Point2<f64>) -> f6
 
 /// Whether a place lies in the goal area of a task.
 pub fn in_goal(task: &Task, position: Point2<f64>) -> bool {
-    (position - Point2::from(task.goal)).norm() <= task.radius
+    task.goal.is_some_and(|goal| (position - Point2::from(goal)).norm() <= task.radius)
 }

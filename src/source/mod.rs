@@ -9,6 +9,7 @@ pub use recorded::{Recorded, Resumed};
 pub use segments::{Rule, Segment, Segmenter, Step};
 
 use crate::robot::{Action, Pose};
+use crate::scenario::Task;
 use crate::snapshot::{Snapshot, SnapshotError};
 use crate::vision::Image;
 
@@ -36,6 +37,57 @@ pub struct Frame {
     pub boundary: Option<Boundary>,
     /// Goals that somebody moved before this frame; only the last frame of an action has any, since goals move between actions.
     pub moved: Vec<GoalMove>,
+    /// What somebody marked with this frame.
+    pub marks: Vec<Mark>,
+}
+
+/// Somebody says what a task's goal is, while the robot is there.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Mark {
+    /// Number of the task, from 0.
+    pub task: usize,
+    /// What is said.
+    pub kind: MarkKind,
+}
+
+/// A mark as text, as messages hold it: the task's name, for what is forgotten with that word before it.
+pub fn mark_text(task: &str, kind: MarkKind) -> String {
+    match kind {
+        MarkKind::Goal => task.to_owned(),
+        MarkKind::Forget => format!("{FORGET}{task}"),
+    }
+}
+
+const FORGET: &str = "forget ";
+
+/// A mark from its text, with the number of its task.
+///
+/// # Errors
+/// There is no such task; the text names those that there are.
+pub fn parse_mark(text: &str, tasks: &[Task]) -> Result<Mark, String> {
+    let number = |name: &str| tasks.iter().position(|task| task.name == name);
+    if let Some(task) = number(text) {
+        return Ok(Mark { task, kind: MarkKind::Goal });
+    }
+    match text.strip_prefix(FORGET).and_then(number) {
+        Some(task) => Ok(Mark { task, kind: MarkKind::Forget }),
+        None => {
+            let names: Vec<&str> = tasks.iter().map(|task| task.name.as_str()).collect();
+            Err(format!(
+                "{text:?} marks nothing: it must be the name of a task ({}), or \"forget\" and such a name",
+                names.join(", ")
+            ))
+        }
+    }
+}
+
+/// What a mark says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum MarkKind {
+    /// This is the goal.
+    Goal,
+    /// Nothing that was marked so far is the goal any more.
+    Forget,
 }
 
 /// The goal of a task is somewhere else from now on.

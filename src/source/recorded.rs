@@ -5,9 +5,9 @@ use std::sync::Arc;
 
 use nalgebra::Point2;
 
-use super::{Boundary, Frame, GoalMove, Source, View};
+use super::{Boundary, Frame, GoalMove, Mark, Source, View, parse_mark};
 use crate::log::files::FilesReader;
-use crate::log::messages::{self as msg, FrameTaken, GoalMoved, Image, LaserScan, Odometry, PoseStamped};
+use crate::log::messages::{self as msg, FrameTaken, GoalMoved, Image, LaserScan, Odometry, PoseStamped, Text};
 use crate::log::{LogError, Message, Record, topics};
 use crate::robot::{Action, Pose};
 use crate::scenario::Scenario;
@@ -21,6 +21,7 @@ struct Sensed {
     sonar: Option<Vec<f32>>,
     taken: Option<FrameTaken>,
     moved: Vec<GoalMove>,
+    marks: Vec<Mark>,
 }
 
 /// A recorded run as the source of frames. Commands change nothing: the robot did what it did.
@@ -92,6 +93,7 @@ impl Recorded {
             topics::SONAR.name(),
             topics::FRAME.name(),
             topics::GOAL.name(),
+            topics::MARK.name(),
             topics::OBSERVATION.name(),
         ];
         if !part_of_frame.contains(&&**topic) {
@@ -114,6 +116,8 @@ impl Recorded {
             let moved: GoalMoved = decode(record)?;
             let task = self.scenario.tasks.iter().position(|task| task.name == moved.task);
             self.parts.moved.extend(task.map(|task| GoalMove { task, goal: [moved.x, moved.y] }));
+        } else if is(topics::MARK.name()) {
+            self.parts.marks.extend(parse_mark(&decode::<Text>(record)?.data, &self.scenario.tasks).ok());
         } else {
             let image = decode::<Image>(record)?;
             let parts = std::mem::take(&mut self.parts);
@@ -129,7 +133,8 @@ impl Recorded {
     }
 
     fn frame(&self, parts: Sensed, image: Image, stamp_ns: u64) -> Option<Frame> {
-        let Sensed { pose: Some(pose), odometry: Some(odometry), sonar: Some(sonar), taken: Some(taken), moved } =
+        // The pose is not there where nobody knows it.
+        let Sensed { pose: truth, odometry: Some(odometry), sonar: Some(sonar), taken: Some(taken), moved, marks } =
             parts
         else {
             return None;
@@ -146,12 +151,13 @@ impl Recorded {
             number: taken.frame,
             stamp_ns,
             view: View::Observation(image.data),
-            truth: Some(pose),
+            truth,
             odometry,
             sonar,
             action,
             boundary: taken.boundary.then_some(Boundary { blocked: taken.blocked }),
             moved,
+            marks,
         })
     }
 }
@@ -195,9 +201,11 @@ impl<S: Source> Source for Resumed<S> {
     }
 
     fn execute(&mut self, action: Action, give: &mut dyn FnMut(Frame) -> bool) -> bool {
-        let mut last = None;
+        let (mut last, mut action) = (None, action);
         while let Some(frame) = self.recorded.take() {
             last = Some(frame.number);
+            // Somebody may have made the robot do something else than was decided.
+            action = frame.action.unwrap_or(action);
             let ends = frame.boundary.is_some();
             if !give(frame) {
                 return true;

@@ -9,7 +9,8 @@
 //! The weights depend on neither rewards nor policy: they are found once, and tasks share them.
 //!
 //! # How to use it
-//! [`LocalBatch`](super::LocalBatch) takes transitions one by one and gives [`LocalValues`](super::LocalValues), with a greedy policy for any point; the example
+//! [`LocalBatch`](super::LocalBatch) takes transitions one by one and gives [`LocalValues`](super::LocalValues), with a greedy policy for any
+//! point; the example
 //! `local_values` finds a way through a room with it. Who has matrices, several tasks, or rules of what may follow uses
 //! [`Instances`] (where actions were tried), [`Local`] (what the ends of transitions are near to) and [`Local::fit`] (one task).
 //!
@@ -42,7 +43,7 @@ use super::{Fit, ValueError};
 use crate::kernel::products::map_all;
 
 /// States whose neighbours are searched in one product.
-const AT_ONCE: usize = 128;
+pub(super) const AT_ONCE: usize = 128;
 /// The least weight of a neighbour, before regression, as a share of the mean.
 const LEAST_WEIGHT: f64 = 1e-3;
 /// Points whose mean is at most this many times as far from the origin, squared, as they are from their mean are searched as they
@@ -140,7 +141,7 @@ impl Move {
 }
 
 /// The transitions that a value is estimated from: their numbers, and how much each counts. The weights sum to 1.
-type Neighbours = Vec<(u32, f64)>;
+pub(super) type Neighbours = Vec<(u32, f64)>;
 
 impl Instances {
     /// Transitions of actions, `counts` of each, from these states.
@@ -238,7 +239,7 @@ impl Instances {
     }
 
     /// Which transitions of an action tell its value at each point, on this thread.
-    fn neighbours(&self, action: usize, points: MatRef<'_, f32>) -> Vec<Neighbours> {
+    pub(super) fn neighbours(&self, action: usize, points: MatRef<'_, f32>) -> Vec<Neighbours> {
         let places = self.of_action(action);
         if places.is_empty() {
             return vec![Vec::new(); points.ncols()];
@@ -341,7 +342,7 @@ fn rounding(p: usize, x: f64, y: f64) -> f64 {
 }
 
 /// A value from what its neighbours are worth.
-fn estimate(near: &[(u32, f64)], worth: &[f64]) -> f64 {
+pub(super) fn estimate(near: &[(u32, f64)], worth: &[f64]) -> f64 {
     near.iter().map(|&(place, weight)| weight * worth[place as usize]).sum()
 }
 

@@ -24,6 +24,7 @@
 //! | which policy is best, where values are linear in the features? | [`Lspi::fit`], or [`Batch::fit`] |
 //! | which policy is best, where features only say what is near? | [`LocalBatch::fit`], see [`local`]; [`Local::fit`] over [`Instances`] for matrices and several tasks |
 //! | does the policy arrive? | [`FiniteMdp::arrival`], [`Local::arrival`]: [`Fit::converged`] does not say it |
+//! | where do states lie on the floor? | [`MetricMap`], from features and what actions do |
 //! | what if it does not settle? | [`LspiOptions::mixing`], with a table of what helps at [`Lspi::fit`]; weights by [`balance`] |
 //! | what does learning on one's own path do? | [`Sarsa`], a counter-example |
 //! | what can be learned with no memory of the past at all? | [`StreamQ`], to compare with |
@@ -75,6 +76,7 @@ pub mod local;
 mod local_batch;
 mod lspi;
 mod lstd;
+mod metric_map;
 mod norm;
 mod policy;
 mod representation;
@@ -95,6 +97,7 @@ pub use local::{Instances, Local, LocalOptions, LocalOutcomes};
 pub use local_batch::{LocalBatch, LocalValues};
 pub use lspi::{Fit, Lspi, Options as LspiOptions, Start};
 pub use lstd::{lstd, solve_or_pseudo_inverse};
+pub use metric_map::{MetricMap, Step as MapStep};
 pub use norm::closeness_weights;
 pub use policy::{Policy, greedy};
 pub use representation::{MOST_FEATURES, RepresentationError, Tabular, Trigonometric};

@@ -15,5 +15,6 @@ mod navigation_pose;
 mod rooms;
 mod rows;
 mod scenario;
+mod shown;
 mod simulation;
 mod views;

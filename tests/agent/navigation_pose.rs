@@ -111,7 +111,7 @@ fn trigonometric_features_of_the_true_pose_match_the_reference_policy() {
                 let q = fit.weights.transpose() * features(&[*pose]);
                 reflexes.best(&[q[(0, 0)], q[(1, 0)], q[(2, 0)]], recent).0
             };
-            let goal = Point2::from(task.goal);
+            let goal = Point2::from(task.goal.unwrap());
             let (mut arrived, mut both, mut extra) = (0, 0, 0.0);
             for (number, &start) in starts.iter().enumerate() {
                 let seed = number as u64;

@@ -120,7 +120,7 @@ fn crossing_the_two_rooms_takes_45_moves() {
     assert_eq!((scenario.robot.radius, scenario.robot.forward, scenario.robot.turn_deg), (0.25, 0.30, 45.0));
     // From the west wall straight east, onto a goal that begins at the 45th move.
     let mut task = scenario.tasks[0].clone();
-    (task.goal, task.radius) = ([13.75, 2.75], 0.1);
+    (task.goal, task.radius) = (Some([13.75, 2.75]), 0.1);
     let start = Pose::new(Point2::new(0.25, 2.75), 0.0);
     assert_eq!(optimal_steps(&world.arena, &scenario.robot, &task, start, 100), Some(45));
     assert_eq!(optimal_steps(&world.arena, &scenario.robot, &task, start, 44), None);
@@ -130,7 +130,7 @@ fn crossing_the_two_rooms_takes_45_moves() {
 fn the_optimal_way_around_a_corner_is_the_counted_one() {
     let (scenario, world) = two_rooms(&[]);
     let steps = |from: [f64; 2], degrees: f64, goal: [f64; 2]| {
-        let task = adagio::scenario::Task { goal, radius: 0.16, ..scenario.tasks[0].clone() };
+        let task = adagio::scenario::Task { goal: Some(goal), radius: 0.16, ..scenario.tasks[0].clone() };
         optimal_steps(&world.arena, &scenario.robot, &task, Pose::new(from.into(), f64::to_radians(degrees)), 100)
     };
     // Through the corridor, 20 moves of 0.30 m along its axis.
@@ -155,7 +155,8 @@ fn rewards_know_the_walls_of_all_rooms() {
     assert_eq!((reward(5.5, 2.75), reward(5.5, 2.4)), (0.0, wall));
     assert_eq!((reward(7.0, 2.75), reward(7.0, 2.44)), (0.0, wall));
     assert_eq!((reward(5.25, 1.0), reward(0.29, 2.0)), (wall, wall));
-    assert_eq!(reward(scenario.tasks[0].goal[0], scenario.tasks[0].goal[1]), 1.0);
+    let [x, y] = scenario.tasks[0].goal.unwrap();
+    assert_eq!(reward(x, y), 1.0);
 }
 
 #[test]

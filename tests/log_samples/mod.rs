@@ -9,8 +9,8 @@ use adagio::log::{
     LogError, LogWriter, Message, Topic, cdr,
     messages::{
         Decision, DictionaryGrowth, Evaluation, FrameTaken, GoalMoved, Header, Health, Image, LaserScan, Log,
-        ModelRequest, ModelUpdate, Odometry, PolicyUpdate, Pose, PoseStamped, PoseWithCovariance, RunEnd, Time,
-        Transition, Twist, TwistStamped, TwistWithCovariance, Vector3,
+        ModelRequest, ModelUpdate, Odometry, PolicyUpdate, Pose, PoseStamped, PoseWithCovariance, PursuitEnded, RunEnd,
+        Text, Time, Transition, Twist, TwistStamped, TwistWithCovariance, Vector3,
     },
     topics,
 };
@@ -46,6 +46,8 @@ pub fn write_samples<W: Write>(
         on.put(topics::COMMAND, TwistStamped { header: header.clone(), twist: twist(round) })?;
         on.put(topics::FRAME, frame(header.clone(), round))?;
         on.put(topics::GOAL, goal(header.clone(), round))?;
+        on.put(topics::MARK, Text { data: format!("centre {round}") })?;
+        on.put(topics::PURSUIT, pursuit(header.clone(), round))?;
         on.put(topics::DECISION, decision(header.clone(), round))?;
         on.put(topics::TRANSITION, transition(header.clone(), round))?;
         on.put(topics::DICTIONARY, growth(header.clone(), round))?;
@@ -161,6 +163,11 @@ fn frame(header: Header, round: u32) -> FrameTaken {
 fn goal(header: Header, round: u32) -> GoalMoved {
     let task = "corner"[..round as usize % 6].into();
     GoalMoved { header, frame: u64::from(round) << 33, task, x: 0.1 * f64::from(round), y: -2.5 }
+}
+
+fn pursuit(header: Header, round: u32) -> PursuitEnded {
+    let task = "corner"[..round as usize % 6].into();
+    PursuitEnded { header, frame: u64::from(round) << 34, task, arrived: round.is_multiple_of(2), actions: round }
 }
 
 fn request(header: Header, round: u32) -> ModelRequest {

@@ -9,6 +9,7 @@ mod coherence;
 mod dictionary;
 mod ica;
 mod kernel;
+mod metric_map;
 mod options;
 mod region;
 mod regression;

@@ -23,13 +23,15 @@ use crate::agent::runtime::timing::ModelTiming;
 use crate::policy::{Behaviour, BehaviourSchedule, Learned, Recent, Reflexes, Tally, Walk};
 use crate::random::stream;
 use crate::robot::Action;
-use crate::scenario::{Mode, Scenario};
+use crate::scenario::{Mode, Scenario, Task, Then};
 use crate::snapshot::{Persist, Snapshot, SnapshotError};
 use crate::value::Fit;
 use crate::vision::Observation;
 
 /// Exploration, pursuit and reflexes.
 pub struct Act {
+    /// Which tasks have goals that are shown.
+    shown: Vec<bool>,
     learned: Option<Arc<Learned>>,
     behaviour: BehaviourSchedule,
     walk: Walk,
@@ -41,6 +43,7 @@ impl Act {
     /// An actor without a policy: it explores.
     pub fn new(scenario: &Scenario) -> Self {
         Act {
+            shown: scenario.tasks.iter().map(Task::is_shown).collect(),
             learned: None,
             behaviour: BehaviourSchedule::new(scenario, stream(scenario.seed, "legs")),
             walk: Walk::new(scenario, stream(scenario.seed, "explore")),
@@ -56,10 +59,17 @@ impl Act {
 
     /// The next action. What was executed last is in the percept: a replay executes what was recorded, whatever is decided.
     pub fn step(&mut self, percept: &Percept) -> Decision {
-        let leg = self.behaviour.next(self.number, &percept.outcomes.in_goal, self.learned.is_some());
-        let (action, q_values, reflex) = match (leg, &self.learned) {
-            (Behaviour::Pursue(task), Some(learned)) => {
-                let values = learned.q_values(&percept.observation, task);
+        let state = self.learned.as_ref().map(|learned| learned.state(&percept.observation));
+        // Where a goal was shown, what the camera sees decides whether this is it.
+        let in_goal = |task: usize| match (self.shown[task], &state) {
+            (true, state) => state.as_ref().is_some_and(|state| state.is_there(task)),
+            (false, _) => percept.outcomes.in_goal[task],
+        };
+        let able = |task: usize| self.learned.as_ref().is_some_and(|learned| learned.has_goal(task, self.shown[task]));
+        let (leg, ended) = self.behaviour.next(self.number, &in_goal, &able);
+        let (action, q_values, reflex) = match (leg, &state) {
+            (Behaviour::Pursue(task), Some(state)) => {
+                let values = state.q_values(task);
                 let (action, reflex) = self.reflexes.best(&values, percept.recent);
                 (action, Some(values), reflex)
             }
@@ -67,7 +77,8 @@ impl Act {
         };
         self.number += 1;
         let epoch = self.learned.as_ref().map_or(0, |learned| learned.epoch);
-        Decision { number: self.number - 1, action, leg, epoch, q_values, reflex }
+        let ends_run = ended.is_some_and(|end| end.arrived && self.behaviour.then(end.task) == Then::Stop);
+        Decision { number: self.number - 1, action, leg, epoch, q_values, reflex, ended, ends_run }
     }
 
     /// How pursuits ended so far, by task.
@@ -154,7 +165,6 @@ fn percept(snapshot: &mut Snapshot, percept: &mut Option<Percept>) -> Result<(),
             stamp_ns,
             sonar,
             action,
-            blocked: came_to.blocked,
             recent,
             outcomes: came_to.outcomes(),
             asked: Vec::new(),
@@ -208,12 +218,13 @@ struct SavedOutcomes {
 
 impl SavedOutcomes {
     fn of(percept: &Percept) -> Self {
-        let TaskOutcomes { rewards, in_goal } = percept.outcomes.clone();
-        SavedOutcomes { blocked: percept.blocked, rewards: rewards.into_iter().map(f64::to_bits).collect(), in_goal }
+        let TaskOutcomes { rewards, in_goal, blocked } = percept.outcomes.clone();
+        SavedOutcomes { blocked, rewards: rewards.into_iter().map(f64::to_bits).collect(), in_goal }
     }
 
     fn outcomes(self) -> TaskOutcomes {
-        TaskOutcomes { rewards: self.rewards.into_iter().map(f64::from_bits).collect(), in_goal: self.in_goal }
+        let rewards = self.rewards.into_iter().map(f64::from_bits).collect();
+        TaskOutcomes { rewards, in_goal: self.in_goal, blocked: self.blocked }
     }
 }
 
@@ -292,6 +303,14 @@ impl ActLoop<'_> {
                 break;
             }
             let decision = progress.clock.time(|| progress.acting.act.step(&percept));
+            if let Some(end) = decision.ended
+                && self.record.pursuit(end, frame, percept.stamp_ns).is_err()
+            {
+                break;
+            }
+            if decision.ends_run {
+                break;
+            }
             progress.acting.actions += 1;
             let sent = self.record.decision(&decision, frame, percept.stamp_ns);
             if sent.is_err() || actions.put(Item::Work(decision.action)).is_err() {

@@ -11,19 +11,20 @@ use faer::{Mat, Par};
 use rayon::prelude::*;
 
 use super::kernel_rows::KernelRows;
-use super::messages::{FitRequest, Item, TaskTransition, Update};
+use super::messages::{FitRequest, Item, Marked, TaskTransition, Update};
 use super::record::{Level, Recorder};
 use crate::agent::runtime::clock::Clock;
 use crate::agent::runtime::queue::{Inbox, Outbox};
 use crate::agent::runtime::status::Status;
 use crate::gpu::Choice;
-use crate::policy::{Learned, columns, points};
+use crate::policy::{GoalRegion, Learned, columns, points};
+use crate::robot::ActionSet;
 use crate::scenario::{Method, Scenario, Task};
 use crate::slow::{SlowError, SlowModel};
 use crate::snapshot::{Persist, Snapshot, SnapshotError};
 use crate::value::{
-    Fit, Instances, Local, LocalOptions, LocalOutcomes, Lspi, LspiOptions, Outcomes, Samples, ValueError, balance,
-    greedy,
+    Fit, Instances, Local, LocalOptions, LocalOutcomes, Lspi, LspiOptions, MapStep, MetricMap, Outcomes, Samples,
+    ValueError, balance, greedy,
 };
 use crate::vision::Observation;
 
@@ -56,21 +57,22 @@ impl FitPolicies {
         let fitted = request.model.and_then(|model| {
             let projected = Projection::new(&model, &request.window, &mut self.rows, self.par);
             let projected = projected.map_err(|error| error.to_string())?;
+            let shown = Shown::new(&self.scenario, &model, &projected, &request.window, &request.marks, self.par)?;
             let (epoch, asked_at, frames) = (self.epoch + 1, request.asked_at, request.frames);
             let weights_of = |fits: &[Fit]| fits.iter().map(|fit| fit.weights.clone()).collect();
             let (learned, fits) = match self.scenario.value.method {
                 Method::Lspi => {
-                    let fits = self.fit(&projected, &request.window).map_err(|error| error.to_string())?;
+                    let fits = self.fit(&projected, &request.window, &shown).map_err(|error| error.to_string())?;
                     (Learned::new(epoch, asked_at, frames, model, weights_of(&fits)), fits)
                 }
                 Method::Local => {
-                    let found = self.fit_locally(&model, &projected, &request.window);
+                    let found = self.fit_locally(&model, &projected, &request.window, &shown);
                     let (instances, fits) = found.map_err(|error| error.to_string())?;
                     (Learned::local(epoch, asked_at, frames, model, instances, weights_of(&fits)), fits)
                 }
             };
-            let learned = learned.map_err(|error| error.to_string())?.for_goals(request.goals);
-            Ok((Arc::new(learned), fits))
+            let learned = learned.and_then(|learned| learned.for_goals(request.goals).with_regions(shown.regions));
+            Ok((Arc::new(learned.map_err(|error| error.to_string())?), fits))
         });
         let (learned, fits) = match fitted {
             Err(reason) => (Err(reason), Vec::new()),
@@ -88,6 +90,7 @@ impl FitPolicies {
         model: &SlowModel<f32>,
         projected: &Projection,
         window: &[TaskTransition],
+        shown: &Shown,
     ) -> Result<(Arc<Instances>, Vec<Fit>), ValueError> {
         let settings = &self.scenario.value;
         let mut sorted: Vec<&TaskTransition> = window.iter().collect();
@@ -104,8 +107,9 @@ impl FitPolicies {
         let local = Local::new(&instances, at(&|t| t.to.frame).as_ref())?;
         let allowed: Vec<u32> = sorted.iter().map(|t| t.allowed).collect();
         let fit = |(number, task): (usize, &Task)| {
-            let rewards: Vec<f64> = sorted.iter().map(|t| t.result.rewards[number]).collect();
-            let ended: Vec<bool> = sorted.iter().map(|t| task.absorbing && t.result.in_goal[number]).collect();
+            let outcomes: Vec<(f64, bool)> = sorted.iter().map(|t| shown.outcome(projected, t, number, task)).collect();
+            let rewards: Vec<f64> = outcomes.iter().map(|outcome| outcome.0).collect();
+            let ended: Vec<bool> = outcomes.iter().map(|outcome| task.absorbing && outcome.1).collect();
             local.fit(&LocalOutcomes { rewards: &rewards, allowed: &allowed, ended: &ended }, settings.gamma)
         };
         let fits: Result<Vec<Fit>, ValueError> = self.scenario.tasks.iter().enumerate().map(fit).collect();
@@ -113,7 +117,7 @@ impl FitPolicies {
     }
 
     /// Linear values, by least-squares policy iteration.
-    fn fit(&self, projected: &Projection, window: &[TaskTransition]) -> Result<Vec<Fit>, ValueError> {
+    fn fit(&self, projected: &Projection, window: &[TaskTransition], shown: &Shown) -> Result<Vec<Fit>, ValueError> {
         let settings = &self.scenario.value;
         let from: Vec<usize> = window.iter().map(|t| projected.place[&t.from.frame]).collect();
         let to: Vec<usize> = window.iter().map(|t| projected.place[&t.to.frame]).collect();
@@ -134,13 +138,14 @@ impl FitPolicies {
         };
         let allowed: Vec<u32> = window.iter().map(|t| t.allowed).collect();
         let fit = |(number, task): (usize, &Task)| {
-            let rewards: Vec<f64> = window.iter().map(|t| t.result.rewards[number]).collect();
+            let came_to: Vec<(f64, bool)> = window.iter().map(|t| shown.outcome(projected, t, number, task)).collect();
+            let rewards: Vec<f64> = came_to.iter().map(|outcome| outcome.0).collect();
             let outcomes = Outcomes { next: next.as_ref(), rewards: &rewards, allowed: Some(&allowed) };
             if !task.absorbing {
                 return problem.fit(&outcomes, &options);
             }
             let mut until_goal = next.clone();
-            for (j, _) in window.iter().enumerate().filter(|(_, t)| t.result.in_goal[number]) {
+            for (j, _) in came_to.iter().enumerate().filter(|(_, outcome)| outcome.1) {
                 until_goal.col_mut(j).fill(0.0);
             }
             problem.fit(&Outcomes { next: until_goal.as_ref(), ..outcomes }, &options)
@@ -206,6 +211,73 @@ impl FitLoop<'_> {
     }
 }
 
+/// What counts as being at the goals that were shown.
+struct Shown {
+    /// By task; `None` where none was shown. Empty without tasks of this kind.
+    regions: Vec<Option<GoalRegion>>,
+    /// By task, whether each observation of the window lies there.
+    there: Vec<Vec<bool>>,
+}
+
+/// Of states that are farther from all marks than this, the places are not kept, lengths of a move.
+const KEPT: f64 = 5.0;
+
+impl Shown {
+    fn new(
+        scenario: &Scenario,
+        model: &SlowModel<f32>,
+        projected: &Projection,
+        window: &[TaskTransition],
+        marks: &[Marked],
+        par: Par,
+    ) -> Result<Self, String> {
+        let mut shown = Shown { regions: Vec::new(), there: Vec::new() };
+        if !scenario.tasks.iter().any(Task::is_shown) {
+            return Ok(shown);
+        }
+        let text = |error: ValueError| error.to_string();
+        let options = LocalOptions { neighbours: scenario.value.neighbours, ridge: scenario.value.local_ridge };
+        let all = points(model, projected.phi.as_ref(), scenario.value.metric_features);
+        let unit = scenario.robot.forward;
+        let map = match marks.is_empty() {
+            true => None,
+            false => {
+                let steps = projected.steps(&scenario.robot.actions(), window);
+                MetricMap::new(projected.phi.as_ref(), all.as_ref(), &steps, options).map_err(text)?
+            }
+        };
+        let place = |map: &MetricMap, axis: usize, j: usize| map.positions()[j][axis] / unit;
+        for (number, task) in scenario.tasks.iter().enumerate() {
+            let of_task: Vec<&Observation> =
+                marks.iter().filter(|mark| mark.task == number).map(|mark| mark.observation.as_ref()).collect();
+            let region = match (task.within.filter(|_| !of_task.is_empty()), &map) {
+                (Some(within), Some(map)) => {
+                    let x = columns(of_task.into_iter());
+                    let phi = model.apply(x.as_ref(), par).map_err(|error| error.to_string())?;
+                    let marks = points(model, phi.as_ref(), scenario.value.metric_features);
+                    let places = Mat::from_fn(2, all.ncols(), |axis, j| place(map, axis, j));
+                    let region = GoalRegion::new(all.clone(), places.as_ref(), marks, within, options);
+                    Some(region.and_then(|region| region.near(KEPT)).map_err(text)?)
+                }
+                _ => None,
+            };
+            shown.there.push(region.as_ref().map_or(Vec::new(), |region| region.holds(all.as_ref())));
+            shown.regions.push(region);
+        }
+        Ok(shown)
+    }
+
+    /// The reward of a transition for a task, and whether it ended in the goal.
+    fn outcome(&self, projected: &Projection, t: &TaskTransition, number: usize, task: &Task) -> (f64, bool) {
+        if !task.is_shown() {
+            return (t.result.rewards[number], t.result.in_goal[number]);
+        }
+        let there = self.there.get(number).and_then(|there| there.get(projected.place[&t.to.frame]));
+        let there = there.copied().unwrap_or(false);
+        (if there { task.reward } else { 0.0 }, there)
+    }
+}
+
 /// The window's observations in features, each once although two transitions share it.
 struct Projection {
     /// Column of a frame.
@@ -240,6 +312,20 @@ impl Projection {
             Ok(())
         })?;
         Ok(Projection { place, phi, cell })
+    }
+
+    /// What the robot did from each observation to the next one.
+    fn steps(&self, actions: &ActionSet, window: &[TaskTransition]) -> Vec<Option<MapStep>> {
+        let mut steps = vec![None; self.phi.ncols().saturating_sub(1)];
+        for t in window {
+            let (from, to) = (self.place[&t.from.frame], self.place[&t.to.frame]);
+            if let (true, Some(action)) = (to == from + 1, actions.get(t.action)) {
+                let motion = actions.motion(action);
+                let distance = (!t.result.blocked).then_some(motion.distance);
+                steps[from] = Some(MapStep { turn: motion.angle, distance });
+            }
+        }
+        steps
     }
 
     /// Features of some observations, one a column.

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use crate::agent::runtime::marker::Marker;
 use crate::dictionary::Dictionary;
-use crate::policy::{Behaviour, Learned, Recent};
+use crate::policy::{Behaviour, Learned, PursuitEnd, Recent};
 use crate::robot::{Action, ActionValues};
 use crate::slow::{Moments, SlowModel};
 use crate::value::{Fit, Transition};
@@ -25,6 +25,8 @@ pub struct TaskOutcomes {
     pub rewards: Vec<f64>,
     /// Whether the robot is in each task's goal area.
     pub in_goal: Vec<bool>,
+    /// Whether a wall stopped the robot.
+    pub blocked: bool,
 }
 
 /// From perceive to act: what was seen at the end of an action.
@@ -35,8 +37,6 @@ pub struct Percept {
     pub sonar: Vec<f32>,
     /// The action that ended; none before the first.
     pub action: Option<Action>,
-    /// Whether a wall stopped the robot.
-    pub blocked: bool,
     /// What the reflexes are to know of the actions so far.
     pub recent: Recent,
     pub outcomes: TaskOutcomes,
@@ -47,6 +47,16 @@ pub struct Percept {
 /// A transition of the window, outcomes by where the goals are.
 pub type TaskTransition = Transition<Arc<Observation>, TaskOutcomes>;
 
+/// An observation that somebody marked as the goal of a task.
+#[derive(Debug, Clone)]
+pub struct Marked {
+    /// Number of the task.
+    pub task: usize,
+    pub observation: Arc<Observation>,
+    /// Where it was seen, metres, where that is known: for plots and evaluation alone.
+    pub place: Option<[f64; 2]>,
+}
+
 /// From perceive to solve: everything that new policies are made of.
 pub struct SolveRequest {
     pub asked_at: u64,
@@ -56,8 +66,10 @@ pub struct SolveRequest {
     /// What new features are made of; without it the last ones stay, as where only a goal has moved.
     pub sums: Option<(Dictionary<f32>, Moments)>,
     pub window: Vec<TaskTransition>,
-    /// Where the goals are, by task.
-    pub goals: Vec<[f64; 2]>,
+    /// Where the goals are, by task, as far as that is known.
+    pub goals: Vec<Option<[f64; 2]>>,
+    /// What was marked.
+    pub marks: Vec<Marked>,
 }
 
 /// From solve to fit: slow features, or why there are none.
@@ -66,8 +78,10 @@ pub struct FitRequest {
     pub frames: u64,
     pub model: Result<SlowModel<f32>, String>,
     pub window: Vec<TaskTransition>,
-    /// Where the goals are, by task.
-    pub goals: Vec<[f64; 2]>,
+    /// Where the goals are, by task, as far as that is known.
+    pub goals: Vec<Option<[f64; 2]>>,
+    /// What was marked.
+    pub marks: Vec<Marked>,
 }
 
 /// From fit to act and assess: the answer to one request.
@@ -96,6 +110,10 @@ pub struct Decision {
     pub q_values: Option<ActionValues>,
     /// Whether a reflex replaced the policy's wish.
     pub reflex: bool,
+    /// The pursuit that was over before it.
+    pub ended: Option<PursuitEnd>,
+    /// The run is over instead of this action: the robot arrived, and the scenario wants no more.
+    pub ends_run: bool,
 }
 
 /// What a block of frames did to the dictionary.

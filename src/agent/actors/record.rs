@@ -11,10 +11,10 @@ use crate::agent::runtime::status::StatusValues;
 use crate::evaluate::TaskResult;
 use crate::log::messages as msg;
 use crate::log::{LogError, Message, RunLog, RunTotals, Topic, topics};
-use crate::policy::{Behaviour, Learned};
+use crate::policy::{Behaviour, Learned, PursuitEnd};
 use crate::robot::{Action, ActionSet, Pose};
 use crate::scenario::Scenario;
-use crate::source::{Frame, GoalMove};
+use crate::source::{Frame, GoalMove, Mark, mark_text};
 use crate::vision::Observation;
 
 /// One write, to be done by the thread that owns the file.
@@ -150,6 +150,24 @@ impl Recorder {
         Ok(())
     }
 
+    /// What was marked with a frame, as robots say it: the task's name, on its own the goal.
+    pub fn marks(&self, marks: &[Mark], frame: u64, stamp_ns: u64) -> Result<(), Closed> {
+        for mark in marks {
+            let data = mark_text(&self.scenario.tasks[mark.task].name, mark.kind);
+            self.write(topics::MARK, frame, stamp_ns, msg::Text { data })?;
+        }
+        Ok(())
+    }
+
+    /// A pursuit that is over.
+    pub fn pursuit(&self, end: PursuitEnd, frame: u64, stamp_ns: u64) -> Result<(), Closed> {
+        let header = msg::Header::new(stamp_ns, "base_link");
+        let PursuitEnd { task, arrived, actions } = end;
+        let task = self.scenario.tasks[task].name.clone();
+        let message = msg::PursuitEnded { header, frame, task, arrived, actions: actions as u32 };
+        self.write(topics::PURSUIT, frame, stamp_ns, message)
+    }
+
     /// The observation that is learned from.
     pub fn observation(&self, observation: &Observation, stamp_ns: u64) -> Result<(), Closed> {
         let vision = &self.scenario.vision;
@@ -172,7 +190,7 @@ impl Recorder {
             from_frame,
             to_frame: percept.observation.frame,
             action: action.index() as u8,
-            blocked: percept.blocked,
+            blocked: percept.outcomes.blocked,
             tasks: self.scenario.tasks.iter().map(|task| task.name.clone()).collect(),
             rewards: percept.outcomes.rewards.clone(),
         };

@@ -6,7 +6,7 @@ use faer::Mat;
 use nalgebra::Point2;
 
 use crate::kernel::Kernel;
-use crate::policy::{Learned, Recent};
+use crate::policy::{GoalRegion, Learned, Recent};
 use crate::robot::{Action, MOST_ACTIONS};
 use crate::slow::{Link, SlowModel};
 use crate::snapshot::{Snapshot, SnapshotError};
@@ -18,8 +18,9 @@ pub fn learned(snapshot: &mut Snapshot, name: &str, learned: &mut Option<Arc<Lea
         let of = learned.as_ref();
         let mut numbers = of.map(|of| (of.epoch, of.asked_at, of.frames, of.weights.len()));
         snapshot.value("there", &mut numbers)?;
-        let mut goals: Vec<[u64; 2]> =
-            of.map_or(Vec::new(), |of| of.goals.iter().map(|goal| goal.map(f64::to_bits)).collect());
+        // NaN is a place that nobody knows.
+        let bits = |goal: &Option<[f64; 2]>| goal.unwrap_or([f64::NAN; 2]).map(f64::to_bits);
+        let mut goals: Vec<[u64; 2]> = of.map_or(Vec::new(), |of| of.goals.iter().map(bits).collect());
         let Some((epoch, asked_at, frames, tasks)) = numbers else { return Ok(()) };
         snapshot.value("goals", &mut goals)?;
         let mut model = of.map(|of| of.model.clone());
@@ -34,19 +35,49 @@ pub fn learned(snapshot: &mut Snapshot, name: &str, learned: &mut Option<Arc<Lea
         }
         let mut instances = of.and_then(|of| of.instances.clone());
         places(snapshot, &mut instances)?;
+        let mut regions = of.map_or(Vec::new(), |of| of.regions.clone());
+        goal_regions(snapshot, &mut regions)?;
         if let Some(model) = model.filter(|_| snapshot.is_restoring()) {
             let restored = match instances {
                 None => Learned::new(epoch, asked_at, frames, model, weights),
                 Some(instances) => Learned::local(epoch, asked_at, frames, model, instances, weights),
             };
-            *learned = Some(Arc::new(
-                restored
-                    .map_err(|cause| wrong("learned", cause))?
-                    .for_goals(goals.into_iter().map(|goal| goal.map(f64::from_bits)).collect()),
-            ));
+            let goal = |bits: [u64; 2]| Some(bits.map(f64::from_bits)).filter(|goal| !goal[0].is_nan());
+            let restored = restored.map(|learned| learned.for_goals(goals.into_iter().map(goal).collect()));
+            let restored = restored.and_then(|learned| learned.with_regions(regions));
+            *learned = Some(Arc::new(restored.map_err(|cause| wrong("learned", cause))?));
         }
         Ok(())
     })
+}
+
+/// What counts as being at goals that were shown; nothing is saved without such tasks.
+fn goal_regions(snapshot: &mut Snapshot, regions: &mut Vec<Option<GoalRegion>>) -> Result<(), SnapshotError> {
+    let head = |region: &GoalRegion| {
+        (region.within().to_bits(), region.options().neighbours, region.options().ridge.to_bits())
+    };
+    let mut heads: Vec<Option<(u64, usize, u64)>> = regions.iter().map(|region| region.as_ref().map(head)).collect();
+    snapshot.value("regions", &mut heads)?;
+    for (task, head) in heads.into_iter().enumerate() {
+        let of = regions.get(task).and_then(Option::as_ref);
+        let mut marks = of.map_or(Mat::new(), |of| of.marks().to_owned());
+        let mut states = of.map_or(Mat::new(), |of| of.states().to_owned());
+        let mut places = of.map_or(Mat::new(), GoalRegion::places);
+        if head.is_some() {
+            let room = |rows: usize, columns: usize| (rows, columns);
+            snapshot.matrix(&format!("region.{task}.marks"), &mut marks, room)?;
+            snapshot.matrix(&format!("region.{task}.states"), &mut states, room)?;
+            snapshot.matrix(&format!("region.{task}.places"), &mut places, room)?;
+        }
+        if snapshot.is_restoring() {
+            let region = head.map(|(within, neighbours, ridge)| {
+                let options = LocalOptions { neighbours, ridge: f64::from_bits(ridge) };
+                GoalRegion::new(states, places.as_ref(), marks, f64::from_bits(within), options)
+            });
+            regions.push(region.transpose().map_err(|cause| wrong("regions", cause))?);
+        }
+    }
+    Ok(())
 }
 
 /// Where actions were tried, of local values.

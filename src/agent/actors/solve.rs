@@ -52,7 +52,7 @@ impl Solve {
 
     /// Slow features for a request, or the last ones again if it brings nothing to make new ones of.
     pub fn step(&mut self, request: SolveRequest) -> FitRequest {
-        let SolveRequest { asked_at, frames, sums, window, goals, .. } = request;
+        let SolveRequest { asked_at, frames, sums, window, goals, marks, .. } = request;
         let model = match &sums {
             Some((dictionary, moments)) => self.solve(dictionary, moments).map_err(|error| error.to_string()),
             None => {
@@ -60,7 +60,7 @@ impl Solve {
                 last.ok_or_else(|| "there are no features yet to fit policies on".to_owned())
             }
         };
-        FitRequest { asked_at, frames, model, window, goals }
+        FitRequest { asked_at, frames, model, window, goals, marks }
     }
 
     /// Slow features over a dictionary. Where there are fewer directions than features asked for, as at the start of a run,
@@ -144,7 +144,15 @@ mod tests {
         frames.push(x.as_ref(), &Link::regular(views.len(), 0.1).unwrap()).unwrap();
         let moments = frames.settled_moments().unwrap().clone();
         let sums = Some((frames.dictionary().clone(), moments));
-        let request = SolveRequest { asked_at: 0, stamp_ns: 0, frames: 0, sums, window: Vec::new(), goals: Vec::new() };
+        let request = SolveRequest {
+            asked_at: 0,
+            stamp_ns: 0,
+            frames: 0,
+            sums,
+            window: Vec::new(),
+            goals: Vec::new(),
+            marks: Vec::new(),
+        };
         (Solve::new(&scenario.slow, Par::Seq).step(request).model, x)
     }
 

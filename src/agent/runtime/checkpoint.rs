@@ -19,7 +19,7 @@ use thiserror::Error;
 
 use super::marker::Marker;
 use crate::kernel::Kernel;
-use crate::policy::Learned;
+use crate::policy::{GoalRegion, Learned};
 use crate::scenario::{Scenario, ScenarioError, hex};
 use crate::slow::SlowModel;
 use crate::snapshot::{Matrix, Snapshot, Values};
@@ -76,9 +76,15 @@ pub fn checkpoint_bytes(learned: &Learned, scenario: &Scenario) -> Result<Vec<u8
     let mut counts: &[usize] = &[];
     if let Some(instances) = &learned.instances {
         counts = instances.counts();
-        let bytes = instances.points().col_iter().flat_map(|point| point.iter().copied().collect::<Vec<f32>>());
-        let shape = vec![instances.len(), instances.points().nrows()];
-        tensors.push(("instances".into(), Dtype::F32, shape, bytes.flat_map(f32::to_le_bytes).collect()));
+        tensors.push(points("instances", instances.points()));
+    }
+    let mut within: Vec<Option<f64>> = Vec::new();
+    for (task, region) in learned.regions.iter().enumerate() {
+        within.push(region.as_ref().map(GoalRegion::within));
+        let Some(region) = region else { continue };
+        tensors.push(points(&format!("region.{task}.marks"), region.marks()));
+        tensors.push(points(&format!("region.{task}.states"), region.states()));
+        tensors.push(matrix(&format!("region.{task}.places"), region.places().as_ref()));
     }
     let entries = BTreeMap::from([
         ("scenario".to_owned(), scenario.text.clone()),
@@ -91,6 +97,7 @@ pub fn checkpoint_bytes(learned: &Learned, scenario: &Scenario) -> Result<Vec<u8
         ("digest".to_owned(), learned.digest()),
         ("goals".to_owned(), serde_json::to_string(&learned.goals).map_err(damaged)?),
         ("instances".to_owned(), serde_json::to_string(counts).map_err(damaged)?),
+        ("within".to_owned(), serde_json::to_string(&within).map_err(damaged)?),
     ]);
     // One entry: the format keeps several in no fixed order, and equal runs write equal bytes.
     let metadata = HashMap::from([(METADATA.to_owned(), serde_json::to_string(&entries).map_err(damaged)?)]);
@@ -171,12 +178,12 @@ pub fn read_checkpoint(bytes: &[u8], path: &Path) -> Result<(Learned, Scenario),
     // Values are linear in the checkpoints of earlier versions.
     let counts = metadata.get("instances").map(|text| serde_json::from_str::<Vec<usize>>(text));
     let counts = counts.transpose().map_err(|e| damaged(format!("instances: {e}")))?.unwrap_or_default();
+    let options = LocalOptions { neighbours: scenario.value.neighbours, ridge: scenario.value.local_ridge };
     let instances = if counts.is_empty() {
         None
     } else {
         let points = read_matrix("instances")?;
         let points = Mat::from_fn(points.nrows(), points.ncols(), |i, j| points[(i, j)] as f32);
-        let options = LocalOptions { neighbours: scenario.value.neighbours, ridge: scenario.value.local_ridge };
         Some(Arc::new(Instances::new(points, counts, options).map_err(damaged)?))
     };
     let actions = scenario.robot.actions().len();
@@ -202,7 +209,7 @@ pub fn read_checkpoint(bytes: &[u8], path: &Path) -> Result<(Learned, Scenario),
     let epoch = u32::try_from(number("epoch")?).map_err(damaged)?;
     let (asked_at, frames) = (number("asked_at")?, number("frames")?);
     // Tasks do not move in the checkpoints of earlier versions.
-    let goals = metadata.get("goals").map(|text| serde_json::from_str::<Vec<[f64; 2]>>(text));
+    let goals = metadata.get("goals").map(|text| serde_json::from_str::<Vec<Option<[f64; 2]>>>(text));
     let goals = goals.transpose().map_err(|e| damaged(format!("goals: {e}")))?.unwrap_or_default();
     if !goals.is_empty() && goals.len() != scenario.tasks.len() {
         return Err(damaged(format!("it has {} goals for {} tasks", goals.len(), scenario.tasks.len())));
@@ -211,7 +218,29 @@ pub fn read_checkpoint(bytes: &[u8], path: &Path) -> Result<(Learned, Scenario),
         None => Learned::new(epoch, asked_at, frames, model, weights),
         Some(instances) => Learned::local(epoch, asked_at, frames, model, instances, weights),
     };
-    let learned = learned.map_err(damaged)?.for_goals(goals);
+    // No goals are shown in the checkpoints of earlier versions.
+    let within = metadata.get("within").map(|text| serde_json::from_str::<Vec<Option<f64>>>(text));
+    let within = within.transpose().map_err(|e| damaged(format!("within: {e}")))?.unwrap_or_default();
+    if !within.is_empty() && within.len() != scenario.tasks.len() {
+        return Err(damaged(format!(
+            "it has {} goals that were shown for {} tasks",
+            within.len(),
+            scenario.tasks.len()
+        )));
+    }
+    let mut regions = Vec::new();
+    for (task, within) in within.into_iter().enumerate() {
+        let region = within.map(|within| {
+            let single = |name: &str| {
+                let of = read_matrix(&format!("region.{task}.{name}"))?;
+                Ok::<_, CheckpointError>(Mat::from_fn(of.nrows(), of.ncols(), |i, j| of[(i, j)] as f32))
+            };
+            let places = read_matrix(&format!("region.{task}.places"))?;
+            GoalRegion::new(single("states")?, places.as_ref(), single("marks")?, within, options).map_err(damaged)
+        });
+        regions.push(region.transpose()?);
+    }
+    let learned = learned.map_err(damaged)?.for_goals(goals).with_regions(regions).map_err(damaged)?;
     if learned.digest() != *entry("digest")? {
         return Err(damaged("its digest is not that of its content"));
     }
@@ -359,6 +388,12 @@ pub fn read_state(bytes: &[u8], scenario: &Scenario) -> Result<SavedState, Check
     }
     let StateHead { frame, stamp_ns, texts, .. } = head;
     Ok(SavedState { snapshot: Snapshot::restoring(matrices, texts), frame, stamp_ns })
+}
+
+/// Points, one after the other.
+fn points(name: &str, points: MatRef<'_, f32>) -> (String, Dtype, Vec<usize>, Vec<u8>) {
+    let bytes = points.col_iter().flat_map(|point| point.iter().copied().collect::<Vec<f32>>());
+    (name.to_owned(), Dtype::F32, vec![points.ncols(), points.nrows()], bytes.flat_map(f32::to_le_bytes).collect())
 }
 
 /// A matrix column by column is its transpose row by row.

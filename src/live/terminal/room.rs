@@ -104,12 +104,13 @@ pub fn room(buffer: &mut Buffer, area: Rect, view: &View, shown: Shown, plain: b
         let steps = 48;
         let ring = (0..steps).map(|i| std::f64::consts::TAU * f64::from(i) / f64::from(steps));
         let mark = if shown == Shown::Task(number) { 'o' } else { '.' };
+        let Some(goal) = task.goal else { continue };
         for angle in ring {
-            let at = [task.goal[0] + task.radius * angle.cos(), task.goal[1] + task.radius * angle.sin()];
+            let at = [goal[0] + task.radius * angle.cos(), goal[1] + task.radius * angle.sin()];
             set(buffer, place.cell(at), mark, rgb(GOAL));
         }
         let number = char::from_digit(number as u32 + 1, 36).unwrap_or('*');
-        set(buffer, place.cell(task.goal), number, rgb(GOAL));
+        set(buffer, place.cell(goal), number, rgb(GOAL));
     }
     for wall in &view.walls {
         let [r, g, b] = wall.colour;

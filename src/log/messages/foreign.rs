@@ -57,8 +57,6 @@ messages! {
     std_msgs / UInt32 UInt32 { data: u32, } in;
     /// `std_msgs/msg/UInt64`.
     std_msgs / UInt64 UInt64 { data: u64, } in;
-    /// `std_msgs/msg/String`.
-    std_msgs / String Text { data: String, } in;
 }
 
 impl Transform {

@@ -11,11 +11,11 @@ pub mod standard;
 
 pub use own::{
     Decision, DictionaryGrowth, Evaluation, FrameTaken, GoalMoved, Health, ModelRequest, ModelUpdate, PolicyUpdate,
-    RunEnd, Transition,
+    PursuitEnded, RunEnd, Transition,
 };
 pub use standard::{
-    Header, Image, LaserScan, Log, Odometry, Point, Pose, PoseStamped, PoseWithCovariance, Quaternion, Time, Twist,
-    TwistStamped, TwistWithCovariance, Vector3,
+    Header, Image, LaserScan, Log, Odometry, Point, Pose, PoseStamped, PoseWithCovariance, Quaternion, Text, Time,
+    Twist, TwistStamped, TwistWithCovariance, Vector3,
 };
 
 use serde::{Serialize, de::DeserializeOwned};

@@ -73,6 +73,20 @@ messages! {
         y: f64,
     } in Header Time;
 
+    /// A pursuit is over: the robot arrived, or it was given up.
+    adagio_msgs / PursuitEnded PursuitEnded {
+        /// When.
+        header: Header,
+        /// The frame at which that was decided.
+        frame: u64,
+        /// Name of the task.
+        task: String,
+        /// The agent says that it is at the goal; otherwise it gave up.
+        arrived: bool,
+        /// Actions that it took.
+        actions: u32,
+    } in Header Time;
+
     /// No more frames come: what is logged after this finishes the run. A run that goes on later does not hold to it: its last
     /// block of frames was cut short, and its last model was asked for early.
     adagio_msgs / RunEnd RunEnd {

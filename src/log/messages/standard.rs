@@ -28,6 +28,12 @@ messages! {
         frame_id: String,
     };
 
+    /// `std_msgs/msg/String`: a text.
+    std_msgs / String Text {
+        /// The text.
+        data: String,
+    } in;
+
     /// `sensor_msgs/msg/Image`: pixels, row by row.
     sensor_msgs / Image Image {
         /// When and from which camera.

@@ -30,6 +30,9 @@ pub fn section(material: &Material<'_>) -> Result<Section, DrawError> {
             for (task, name) in tasks() {
                 items.push(Item::Figure(values(material, room_maps, task, name)?));
                 items.push(Item::Figure(best(material, room_maps, task, name)?));
+                if let Some(there) = &room_maps.there[task] {
+                    items.push(Item::Figure(region(material, room_maps, there, task, name)?));
+                }
             }
             if named.len().is_multiple_of(2) {
                 let way = items.remove(named.len().min(room_maps.values.len()));
@@ -57,7 +60,7 @@ pub fn section(material: &Material<'_>) -> Result<Section, DrawError> {
 /// The walls, the goal and what is near a wall, for a task.
 fn outline(material: &Material<'_>, task: usize, width: u32) -> Vec<Mark> {
     let Some(room) = &material.room else { return Vec::new() };
-    let mut marks = vec![room.goal(task)];
+    let mut marks: Vec<Mark> = room.goal(task).into_iter().collect();
     marks.extend(room.walls(width));
     marks
 }
@@ -70,7 +73,7 @@ fn room(material: &Material<'_>, room_maps: &RoomMaps, task: usize, name: &str) 
     if let Some(room) = &material.room {
         let (low, high) = room.corners();
         marks.extend(room.near_walls(task, 0.014 * (high[0] - low[0])));
-        marks.push(room.goal(task));
+        marks.extend(room.goal(task));
     }
     marks.extend(material.last_way());
     marks.extend(arrows(material, room_maps, task, &worth));
@@ -146,6 +149,29 @@ fn best(material: &Material<'_>, room_maps: &RoomMaps, task: usize, name: &str) 
     .svg()?;
     let caption = "What the policy does at each place, for eight headings, before the reflexes have a say.";
     Ok(Figure::new(file_name("greedy", task, name), &title, caption, svg))
+}
+
+/// What counts as a goal that was shown.
+fn region(
+    material: &Material<'_>,
+    room_maps: &RoomMaps,
+    there: &Map,
+    task: usize,
+    name: &str,
+) -> Result<Figure, DrawError> {
+    let title = format!("What counts as {name}");
+    let panel = Panel { values: there.clone(), ..Panel::of(outline(material, task, 6)) };
+    let svg = Panels {
+        colours: Colours::Sequential(0.0, 1.0),
+        scale: "share of eight headings at which the robot says that it is there".to_owned(),
+        axes: true,
+        key: vec![(GOAL, "what evaluation counts".to_owned())],
+        ..drawing(material, &title, room_maps, vec![panel])
+    }
+    .svg()?;
+    let caption = "The goal was shown, not measured: from pictures that were marked there, the agent tells by its camera whether \
+                   this is the place. The disc is what evaluation counts as a true arrival; the agent does not know it.";
+    Ok(Figure::new(file_name("there", task, name), &title, caption, svg))
 }
 
 /// A panel for each heading.

@@ -1,9 +1,9 @@
 //! What the camera saw, before and after preparation.
 
-use super::{Figure, Item, Material, Section};
+use super::{Figure, Item, Material, Section, file_name};
 use crate::report::Numbered;
 use crate::report::draw::{DrawError, Picture, gallery};
-use crate::report::gather::Sample;
+use crate::report::gather::{Marked, Sample};
 use crate::vision::Image;
 
 /// Frames that are shown.
@@ -15,6 +15,18 @@ pub fn section(material: &Material<'_>) -> Result<Section, DrawError> {
         let title = "Camera images";
         let svg = gallery(title, 2, material.pictures)?;
         items.push(Item::Figure(Figure::new("camera", title, "As another program recorded them.", svg)));
+    }
+    for (number, (task, marked)) in material.gathered.marked.iter().enumerate() {
+        let picture = |marked: &Marked| {
+            let Marked { frame, width, height, rgb } = marked.clone();
+            Picture { label: format!("frame {}", Numbered(frame)), width: width as usize, height: height as usize, rgb }
+        };
+        let pictures: Vec<Picture> =
+            marked.iter().filter(|of| of.rgb.len() == 3 * (of.width * of.height) as usize).map(picture).collect();
+        let title = format!("What was shown of {task}");
+        let caption = "Observations that somebody marked while the robot was there; an even selection of all.";
+        let svg = gallery(&title, 4, &pictures)?;
+        items.push(Item::Figure(Figure::new(file_name("marked", number, task), &title, caption, svg)));
     }
     let samples: Vec<&Sample> = match material.room {
         Some(room) => {

@@ -16,7 +16,7 @@ use mcap::MAGIC;
 use nalgebra::Point2;
 
 use crate::log::messages::{
-    Decision, DictionaryGrowth, Evaluation, FrameTaken, GoalMoved, Health, Image, Log, ModelUpdate, PoseStamped,
+    Decision, DictionaryGrowth, Evaluation, FrameTaken, GoalMoved, Health, Image, Log, ModelUpdate, PoseStamped, Text,
     Transition,
 };
 use crate::log::writer::METADATA_NAME;
@@ -115,11 +115,31 @@ pub struct Gathered {
     pub moved: Vec<GoalMoved>,
     /// The newest centre of each goal area that was moved, by task.
     pub goals: BTreeMap<String, [f64; 2]>,
+    /// Frames that were marked as the goal of a task, by its name: an even selection of their pictures.
+    pub marked: BTreeMap<String, Downsample<Marked>>,
+    /// The tasks for which the next observation is marked.
+    marking: Vec<String>,
     recent: VecDeque<(u64, Pose)>,
     sequence: Option<u32>,
     /// Whether the first observation of this file follows the last one before; none before it is read.
     goes_on: Option<bool>,
 }
+
+/// An observation that was marked as a goal.
+#[derive(Debug, Clone)]
+pub struct Marked {
+    /// Number of its frame.
+    pub frame: u64,
+    /// Its width, pixels.
+    pub width: u32,
+    /// Its height, pixels.
+    pub height: u32,
+    /// Red, green and blue of each pixel.
+    pub rgb: Vec<u8>,
+}
+
+/// Pictures of marks that are kept for a task, at most.
+const MARKED: usize = 16;
 
 /// Whether a file ends as a log that was closed: damage within it changes nothing about that.
 fn is_closed(file: &Path) -> bool {
@@ -265,6 +285,8 @@ impl Gathered {
                     self.moved.push(moved);
                 }
             }
+        } else if is(topics::MARK.name()) {
+            self.marking.push(record.decode::<Text>()?.data);
         } else if is(topics::DECISION.name()) {
             let decision: Decision = record.decode()?;
             self.decided[usize::from(decision.behaviour == Decision::PURSUE)] += 1;
@@ -337,6 +359,11 @@ impl Gathered {
             }
         }
         self.sequence = Some(sequence);
+        for task in std::mem::take(&mut self.marking) {
+            let Image { width, height, data, .. } = record.decode()?;
+            let marked = Marked { frame: u64::from(sequence), width, height, rgb: data };
+            self.marked.entry(task).or_insert_with(|| Downsample::first_of(MARKED)).push(marked);
+        }
         let Some((_, pose)) = self.recent.back().copied().filter(|recent| recent.0 == u64::from(sequence)) else {
             return Ok(());
         };

@@ -49,6 +49,50 @@ pub enum Then {
     Explore,
     /// The next task is pursued.
     NextTask,
+    /// The run ends.
+    Stop,
+}
+
+/// A true arrival at a goal that was shown: within this distance of the shown place, metres.
+const SHOWN_RADIUS: f64 = 0.35;
+
+/// Being within so many actions of a mark is being there.
+const WITHIN: f64 = 0.8;
+
+/// `[[show]]`: somebody carries the robot to a place, turns it round once and carries it back, in the simulator.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Show {
+    /// It begins in place of this action, counted from 0.
+    pub action: usize,
+    /// Name of the task whose goal is shown.
+    pub task: String,
+    /// The place, metres.
+    pub at: [f64; 2],
+    /// Headings of the turn: so many actions it takes, and one more for the way back.
+    pub headings: usize,
+}
+
+impl Task {
+    /// Whether marks say what the goal is.
+    pub fn is_shown(&self) -> bool {
+        self.within.is_some()
+    }
+}
+
+impl Show {
+    /// Actions that it takes the place of.
+    pub fn actions(&self) -> std::ops::RangeInclusive<usize> {
+        self.action..=self.action + self.headings
+    }
+
+    pub(super) fn read(s: &mut Section<'_, '_>) -> Self {
+        Show {
+            action: s.count("action", 3000, "", 0, 1_000_000_000, "it begins in place of this action, counted from 0"),
+            task: s.text("task", "", "name of the task whose goal is shown"),
+            at: s.point("at", [1.5, 0.9], "the place to which the robot is carried"),
+            headings: s.count("headings", 8, "", 1, 1000, "headings of one turn on the spot; each lasts an action"),
+        }
+    }
 }
 
 /// `[[task]]`
@@ -56,10 +100,13 @@ pub enum Then {
 pub struct Task {
     /// Name, unique.
     pub name: String,
-    /// Centre of the goal area, metres.
-    pub goal: [f64; 2],
-    /// Radius of the goal area, metres.
+    /// Centre of the goal area, metres. `None` where it is not known: a goal that is shown is what somebody marks while the robot
+    /// is there, by what the camera sees.
+    pub goal: Option<[f64; 2]>,
+    /// Radius of the goal area, metres. Of a goal that is shown: what evaluation counts as there.
     pub radius: f64,
+    /// Of a goal that is shown: nearer than this to one of its marks is there, actions. `None`: the goal is an area.
+    pub within: Option<f64>,
     /// Reward for an action that ends in the goal area.
     pub reward: f64,
     /// Reward for an action that ends near a wall, outside the goal area.
@@ -141,10 +188,27 @@ impl Evaluate {
 
 impl Task {
     pub(super) fn read(s: &mut Section<'_, '_>, index: usize) -> Self {
+        let name = s.text("name", &format!("task {}", index + 1), "unique name");
+        let goal = s.point_or("goal", [1.5, 0.9], "shown", "centre of the goal area, or marks say what the goal is");
+        let (radius, meaning) = match goal {
+            Some(_) => (0.2, "radius of the goal area"),
+            None => (SHOWN_RADIUS, "farther from the shown place than this is no true arrival, for evaluation"),
+        };
+        let within = match goal {
+            Some(_) => None,
+            None => Some(s.number(
+                "within",
+                WITHIN,
+                "actions",
+                Range::above(0.0, 100.0),
+                "nearer than this to one of the marks is at the goal",
+            )),
+        };
         Task {
-            name: s.text("name", &format!("task {}", index + 1), "unique name"),
-            goal: s.point("goal", [1.5, 0.9], "centre of the goal area"),
-            radius: s.number("radius", 0.2, "m", Range::above(0.0, 1000.0), "radius of the goal area"),
+            name,
+            goal,
+            radius: s.number("radius", radius, "m", Range::above(0.0, 1000.0), meaning),
+            within,
             reward: s.number("reward", 1.0, "", Range::above(0.0, 1e6), "for an action that ends in the goal area"),
             wall_reward: s.number(
                 "wall_reward",
@@ -164,7 +228,12 @@ impl Task {
             then: s.choice(
                 "then",
                 0,
-                &[("schedule", Then::Schedule), ("explore", Then::Explore), ("next_task", Then::NextTask)],
+                &[
+                    ("schedule", Then::Schedule),
+                    ("explore", Then::Explore),
+                    ("next_task", Then::NextTask),
+                    ("stop", Then::Stop),
+                ],
                 "what follows when the goal is reached",
             ),
         }

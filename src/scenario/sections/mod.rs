@@ -55,6 +55,8 @@ pub struct Scenario {
     pub changes: Vec<Change>,
     /// `[[task]]`, at least one.
     pub tasks: Vec<Task>,
+    /// `[[show]]`, in the order in which they happen.
+    pub shows: Vec<Show>,
     /// The complete file, every default filled in.
     pub text: String,
     /// Old names of keys that the file uses, and the names of today: for people, not part of what is run.
@@ -80,6 +82,7 @@ impl Scenario {
                 "topics",
                 "change",
                 "task",
+                "show",
             ]);
             (
                 s.text("name", stem, "name for people"),
@@ -106,6 +109,7 @@ impl Scenario {
             changes: reader
                 .sections("change", "what changes while the robot drives", |s, index| Change::read(s, base, index)),
             tasks: reader.sections("task", "", Task::read),
+            shows: reader.sections("show", "somebody shows the robot where a goal is", |s, _| Show::read(s)),
             text: String::new(),
             notes: Vec::new(),
         }

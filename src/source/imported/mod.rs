@@ -298,6 +298,7 @@ impl Imported {
             action,
             boundary: ends.map(|blocked| Boundary { blocked }),
             moved: Vec::new(),
+            marks: Vec::new(),
         });
         self.report.frames += 1;
     }

@@ -322,7 +322,7 @@ impl Senses {
             foreign::UInt16::TYPE => Some(cdr::decode::<foreign::UInt16>(data)?.data.into()),
             foreign::UInt32::TYPE => Some(cdr::decode::<foreign::UInt32>(data)?.data.into()),
             foreign::UInt64::TYPE => i64::try_from(cdr::decode::<foreign::UInt64>(data)?.data).ok(),
-            _ => match cdr::decode::<foreign::Text>(data)?.data.trim().to_lowercase().as_str() {
+            _ => match cdr::decode::<msg::Text>(data)?.data.trim().to_lowercase().as_str() {
                 "forward" => Some(0),
                 "left" | "turn_left" => Some(1),
                 "right" | "turn_right" => Some(2),

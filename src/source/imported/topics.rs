@@ -129,7 +129,7 @@ const VALUES: [&str; 9] = [
     foreign::UInt16::TYPE,
     foreign::UInt32::TYPE,
     foreign::UInt64::TYPE,
-    foreign::Text::TYPE,
+    msg::Text::TYPE,
 ];
 const SONAR: &str = msg::LaserScan::TYPE;
 

@@ -14,7 +14,7 @@ use nalgebra::Point2;
 use thiserror::Error;
 
 use super::messages::{Growth, Percept, SolveRequest, TaskTransition};
-use super::tasks::Tasks;
+use super::tasks::{ActionEnd, Tasks};
 use crate::agent::error::PerceiveError;
 use crate::agent::runtime::threads::parallelism;
 use crate::agent::runtime::timing::ModelTiming;
@@ -24,7 +24,7 @@ use crate::policy::{Recent, Reflexes, columns};
 use crate::robot::{Action, ActionSet};
 use crate::scenario::{self, Plan, Scenario, SelectionRule};
 use crate::slow::{Link, SlowError, SlowStream, StreamOptions};
-use crate::source::{Frame, GoalMove, View};
+use crate::source::{Frame, GoalMove, Mark, View};
 use crate::value::{Transition, Window};
 use crate::vision::{Observation, Observer};
 
@@ -40,7 +40,7 @@ struct Pending {
     observation: Arc<Observation>,
     link: Option<Link>,
     /// For the last frame of an action: where it ended, and which actions may follow, as bits.
-    boundary: Option<(Point2<f64>, u32)>,
+    boundary: Option<(ActionEnd, u32)>,
     action: Option<Action>,
 }
 
@@ -58,6 +58,9 @@ pub struct SeenFrame {
     pub percept: Option<Percept>,
     /// Tasks that moved with it.
     pub moved: Vec<GoalMove>,
+    /// Marks that count, and why others do not.
+    pub marks: Vec<Mark>,
+    pub refused: Vec<String>,
 }
 
 /// Vision, dictionary, moments and window.
@@ -70,7 +73,7 @@ pub struct Perceive {
     pending: Vec<Pending>,
     goals: Tasks,
     /// Tasks may move: the window keeps where an action ended, and rewards follow from that when they are needed.
-    window: Window<Arc<Observation>, Point2<f64>>,
+    window: Window<Arc<Observation>, ActionEnd>,
     last_number: Option<u64>,
     reflexes: Reflexes,
     actions: ActionSet,
@@ -83,6 +86,8 @@ pub struct Perceive {
     owed: bool,
     /// Whether policies for where the goals are now were not asked for yet.
     refit: bool,
+    /// Whether somebody marks, or did with the last action: policies follow when that is over.
+    marking: bool,
     last_request: Option<u64>,
     frames: u64,
     stamp_ns: u64,
@@ -108,6 +113,7 @@ impl Perceive {
             asked: Vec::new(),
             owed: false,
             refit: false,
+            marking: false,
             last_request: None,
             frames: 0,
             stamp_ns: 0,
@@ -141,7 +147,9 @@ impl Perceive {
         self.pending.push(Pending {
             observation: observation.clone(),
             link,
-            boundary: frame.boundary.map(|_| (place, self.reflexes.allowed(self.recent))),
+            boundary: frame
+                .boundary
+                .map(|end| (ActionEnd { place, blocked: end.blocked }, self.reflexes.allowed(self.recent))),
             action: frame.action,
         });
         self.last_number = Some(frame.number);
@@ -151,8 +159,11 @@ impl Perceive {
             Some(_) => self.goals.follow(frame.number, &frame.moved),
             None => Vec::new(),
         };
+        let (marks, refused) = self.goals.mark(&frame.marks, &observation, place);
+        self.marking |= !marks.is_empty();
+        let marked = frame.boundary.is_some() && marks.is_empty() && std::mem::take(&mut self.marking);
         // Before the first model there is nothing to fit again.
-        self.refit |= !moved.is_empty() && self.last_request.is_some();
+        self.refit |= (marked || !moved.is_empty()) && self.last_request.is_some();
         if self.timing.announces(frame.number, self.refit || self.timing.is_due(self.frames)) {
             self.asked.push(frame.number);
         }
@@ -161,12 +172,11 @@ impl Perceive {
             stamp_ns: frame.stamp_ns,
             sonar: frame.sonar,
             action: frame.action,
-            blocked: boundary.blocked,
             recent: self.recent,
-            outcomes: self.goals.outcomes_at(place),
+            outcomes: self.goals.outcomes_of(ActionEnd { place, blocked: boundary.blocked }),
             asked: std::mem::take(&mut self.asked),
         });
-        SeenFrame { observation, percept, moved }
+        SeenFrame { observation, percept, moved, marks, refused }
     }
 
     /// Learn from what was seen, when a block is full or a model is asked for. A model that is due, but is not asked for now,
@@ -212,15 +222,16 @@ impl Perceive {
             sums,
             window: self.window_with_outcomes(),
             goals: self.goals.centres(),
+            marks: self.goals.marks.clone(),
         }))
     }
 
     fn window_with_outcomes(&self) -> Vec<TaskTransition> {
-        let judge = |t: Transition<Arc<Observation>, Point2<f64>>| {
+        let with_outcomes = |t: Transition<Arc<Observation>, ActionEnd>| {
             let Transition { from, action, allowed, result, to, cell } = t;
-            Transition { from, action, allowed, result: self.goals.outcomes_at(result), to, cell }
+            Transition { from, action, allowed, result: self.goals.outcomes_of(result), to, cell }
         };
-        self.window.snapshot().into_iter().map(judge).collect()
+        self.window.snapshot().into_iter().map(with_outcomes).collect()
     }
 
     /// Put all pending frames into the stream, and the transitions that end in them into the window.
@@ -251,7 +262,7 @@ impl Perceive {
                     // Frames are missing before this one: the outcome of the action is not known.
                     self.last_boundary = None;
                 }
-                let Some((place, allowed)) = frame.boundary else { continue };
+                let Some((end, allowed)) = frame.boundary else { continue };
                 let Some(cell) = cell else {
                     // Nothing is known of where this action ended and the next one began.
                     self.last_boundary = None;
@@ -263,7 +274,7 @@ impl Perceive {
                         from,
                         action: action.index(),
                         allowed,
-                        result: place,
+                        result: end,
                         to: frame.observation.clone(),
                         cell,
                     });
@@ -386,7 +397,9 @@ mod tests {
             let pixels = vec![128; 3 * scenario.vision.width * scenario.vision.height];
             let (sonar, moved) = (vec![1.0; 16], Vec::new());
             let (view, boundary) = (View::Observation(pixels), Some(Boundary { blocked }));
-            Frame { number, stamp_ns: number, view, truth: Some(pose), odometry: pose, sonar, action, boundary, moved }
+            let marks = Vec::new();
+            let truth = Some(pose);
+            Frame { number, stamp_ns: number, view, truth, odometry: pose, sonar, action, boundary, moved, marks }
         };
         let mut see = |frame| (perceive.see(frame).percept.unwrap().recent, perceive.pending.last().unwrap().boundary);
         assert_eq!(see(frame(0, None, false)).0, Recent::default());

@@ -3,12 +3,14 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 
+use super::super::messages::Marked;
 use super::super::saved::{action_of, link_bits, link_of, place_bits, place_of, recent_numbers, recent_of, wrong};
+use super::super::tasks::ActionEnd;
 use super::{Pending, Perceive};
 use crate::robot::Action;
+use crate::scenario::Task;
 use crate::snapshot::{Persist, Snapshot, SnapshotError};
 use crate::value::{Transition, Window};
 use crate::vision::Observation;
@@ -19,8 +21,13 @@ struct Waiting {
     frame: u64,
     link: Option<(u64, u64)>,
     came_to: Option<([u64; 2], u32)>,
+    #[serde(default)]
+    blocked: bool,
     action: Option<usize>,
 }
+
+/// A mark: its task, the frame of its observation, and the bits of its place.
+type SavedMark = (usize, u64, Option<[u64; 2]>);
 
 /// It is restored into a new one of the same scenario.
 impl Persist for Perceive {
@@ -61,12 +68,21 @@ impl Perceive {
             .map(|frame| Waiting {
                 frame: seen.add(&frame.observation),
                 link: frame.link.map(link_bits),
-                came_to: frame.boundary.map(|(place, allowed)| (place_bits(place), allowed)),
+                came_to: frame.boundary.map(|(end, allowed)| (place_bits(end.place), allowed)),
+                blocked: frame.boundary.is_some_and(|(end, _)| end.blocked),
                 action: frame.action.map(Action::index),
             })
             .collect();
         snapshot.value("last_boundary", &mut last_boundary)?;
         snapshot.value("pending", &mut pending)?;
+        if self.scenario.tasks.iter().any(Task::is_shown) {
+            let of = |marked: &Marked| {
+                (marked.task, seen.add(&marked.observation), marked.place.map(|at| at.map(f64::to_bits)))
+            };
+            let mut marks: Vec<SavedMark> = self.goals.marks.iter().map(of).collect();
+            snapshot.value("marks", &mut marks)?;
+            snapshot.value("marking", &mut self.marking.clone())?;
+        }
         seen.persist(snapshot, values)
     }
 
@@ -85,11 +101,24 @@ impl Perceive {
             Ok(Pending {
                 observation: seen.get(waiting.frame)?,
                 link: waiting.link.map(link_of),
-                boundary: waiting.came_to.map(|(place, allowed)| (place_of(place), allowed)),
+                boundary: waiting
+                    .came_to
+                    .map(|(place, allowed)| (ActionEnd { place: place_of(place), blocked: waiting.blocked }, allowed)),
                 action: waiting.action.map(|number| action_of(snapshot, number)).transpose()?,
             })
         };
         self.pending = pending.into_iter().map(frame).collect::<Result<_, SnapshotError>>()?;
+        if self.scenario.tasks.iter().any(Task::is_shown) {
+            let mut marks: Vec<SavedMark> = Vec::new();
+            snapshot.value("marks", &mut marks)?;
+            snapshot.value("marking", &mut self.marking)?;
+            let marked = |(task, frame, place): SavedMark| {
+                Ok(Marked { task, observation: seen.get(frame)?, place: place.map(|bits| bits.map(f64::from_bits)) })
+            };
+            self.goals.marks = marks.into_iter().map(marked).collect::<Result<_, SnapshotError>>()?;
+            let tasks = self.scenario.tasks.len();
+            snapshot.check("marks", self.goals.marks.iter().all(|marked| marked.task < tasks), "other tasks")?;
+        }
         Ok(())
     }
 }
@@ -141,10 +170,12 @@ struct Stored {
     place: [u64; 2],
     to: u64,
     cell: usize,
+    #[serde(default)]
+    blocked: bool,
 }
 
-/// The window of transitions, each with the place where it ended.
-type PlaceWindow = Window<Arc<Observation>, Point2<f64>>;
+/// The window of transitions, each with how it ended.
+type PlaceWindow = Window<Arc<Observation>, ActionEnd>;
 
 /// Save a window of transitions: what they refer to is added to `seen`.
 fn put_window(window: &PlaceWindow, seen: &mut Observations, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
@@ -156,7 +187,8 @@ fn put_window(window: &PlaceWindow, seen: &mut Observations, snapshot: &mut Snap
             from: seen.add(&t.from),
             action: t.action,
             allowed: t.allowed,
-            place: place_bits(t.result),
+            place: place_bits(t.result.place),
+            blocked: t.result.blocked,
             to: seen.add(&t.to),
             cell: t.cell,
         })
@@ -173,7 +205,8 @@ fn take_window(capacity: usize, seen: &Observations, snapshot: &mut Snapshot) ->
     snapshot.check("window", stored.len() <= capacity, "more than it has room for")?;
     let transition = |t: Stored| {
         action_of(snapshot, t.action)?;
-        let (from, to, result) = (seen.get(t.from)?, seen.get(t.to)?, place_of(t.place));
+        let (from, to) = (seen.get(t.from)?, seen.get(t.to)?);
+        let result = ActionEnd { place: place_of(t.place), blocked: t.blocked };
         Ok((t.arrival, Transition { from, action: t.action, allowed: t.allowed, result, to, cell: t.cell }))
     };
     let entries: Result<Vec<_>, SnapshotError> = stored.into_iter().map(transition).collect();

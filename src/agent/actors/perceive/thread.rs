@@ -68,10 +68,14 @@ impl PerceiveLoop<'_> {
             if last_number.replace(frame.number).is_none_or(|last| last + 1 != frame.number) {
                 last_boundary = None;
             }
-            let SeenFrame { observation, percept, moved } = perceive.see(frame);
+            let SeenFrame { observation, percept, moved, marks, refused } = perceive.see(frame);
             // With an observation, a replay has the whole frame.
             sent = sent.and_then(|()| record.goals(&moved, observation.frame, stamp));
+            sent = sent.and_then(|()| record.marks(&marks, observation.frame, stamp));
             sent = sent.and_then(|()| record.observation(&observation, stamp));
+            for text in refused {
+                sent = sent.and_then(|()| record.diagnostic(Level::Warn, stamp, text));
+            }
             if let Some(percept) = percept {
                 let before = last_boundary.replace(observation.frame);
                 if let (Some(from), Some(action)) = (before, action) {

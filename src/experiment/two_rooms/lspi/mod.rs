@@ -199,7 +199,7 @@ impl<'a> Shared<'a> {
     }
 
     fn trial_result(&self, task: usize, trips: &[Trip], converged: bool) -> Policy {
-        let home = room_of(self.lab, Point2::from(self.lab.task(task).goal));
+        let home = room_of(self.lab, self.lab.goal(task));
         let gamma = self.lab.scenario.value.gamma;
         let of = |wanted: &dyn Fn(usize) -> bool| {
             let from = |trip: &Trip| room_of(self.lab, trip.poses[0].position).is_some_and(wanted);

@@ -216,6 +216,7 @@ function drawMap() {
     pen.setLineDash([]);
   };
   now.tasks.forEach((task, i) => {
+    if (!task.goal) return;
     ring(task.goal, task.radius, false, i === chosen ? 3.5 : 1.5);
     pen.fillStyle = '#2e8b57';
     pen.textAlign = 'center';
@@ -373,7 +374,7 @@ async function look() {
     if (news) {
       now = news;
       const moved = asked && now.tasks[asked.task];
-      if (moved && Math.hypot(moved.goal[0] - asked.x, moved.goal[1] - asked.y) < 1e-3) asked = null;
+      if (moved?.goal && Math.hypot(moved.goal[0] - asked.x, moved.goal[1] - asked.y) < 1e-3) asked = null;
       if (now.maps && now.maps !== maps?.epoch) maps = await call('/maps');
       curves = await call('/curves');
       ended = now.phase === 'over';
