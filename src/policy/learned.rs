@@ -27,7 +27,7 @@ pub struct Learned {
     pub frames: u64,
     /// Slow features.
     pub model: SlowModel<f32>,
-    /// What the values of each task are made of. Where they are linear in the features: weights, `f × 3`,
+    /// What the values of each task are made of. Where they are linear in the features: weights, `f × A`,
     /// `Q(x, a) = φ(x)ᵀ w_a`. Where they are local: what each transition is worth, `N × 1`.
     pub weights: Vec<Mat<f64>>,
     /// Of local values: where actions were tried, in coordinates of the slowest features (`N` transitions).
@@ -112,10 +112,10 @@ pub fn columns<'a>(observations: impl ExactSizeIterator<Item = &'a Observation>)
 }
 
 impl Learned {
-    /// Features with linear values: the weights of each task, `f × 3`.
+    /// Features with linear values: the weights of each task, `f × A` for `A` actions.
     ///
     /// # Errors
-    /// Support vectors that are no observations, weights that do not fit the features or the three actions.
+    /// Support vectors that are no observations, weights that do not fit the features, or are of other actions.
     pub fn new(
         epoch: u32,
         asked_at: u64,

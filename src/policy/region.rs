@@ -37,7 +37,7 @@ impl GoalRegion {
     /// The states nearer than `within` to marks, `p × M`, by the places of some states, `p × n` and `2 × n`, in lengths of a move.
     ///
     /// # Errors
-    /// Shapes that do not fit, values that are not finite.
+    /// No marks, shapes that do not fit, values that are not finite.
     pub fn new(
         states: Mat<f32>,
         places: MatRef<'_, f64>,
@@ -46,6 +46,12 @@ impl GoalRegion {
         options: LocalOptions,
     ) -> Result<Self, ValueError> {
         let n = states.ncols();
+        if marks.ncols() == 0 {
+            return Err(ValueError::Empty);
+        }
+        if places.nrows() != 2 {
+            return Err(ValueError::Features { what: "places", found: places.nrows(), expected: 2 });
+        }
         let states = Instances::new(states, vec![n], options)?;
         let places = [0, 1].map(|axis| places.row(axis).iter().copied().collect::<Vec<f64>>());
         let marked = places_of(&states, &places, marks.as_ref())?;
@@ -78,7 +84,7 @@ impl GoalRegion {
     /// The same, of states within a distance of the marks alone: places farther off are of no use to it.
     ///
     /// # Errors
-    /// None.
+    /// Those of [`GoalRegion::new`].
     pub fn near(self, distance: f64) -> Result<Self, ValueError> {
         let far = |j: usize, k: usize| {
             (self.places[0][j] - self.marked[(0, k)]).hypot(self.places[1][j] - self.marked[(1, k)]) > distance

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use adagio::kernel::Kernel;
-use adagio::policy::{Learned, PolicyError, Recent, Reflexes, columns};
+use adagio::policy::{GoalRegion, Learned, PolicyError, Recent, Reflexes, columns};
 use adagio::random::stream;
 use adagio::robot::{Action, ActionSet};
 use adagio::scenario::Vision;
@@ -96,6 +96,19 @@ fn local_values_are_those_of_the_features() {
     }
     // They are not all the same.
     assert!((known[0][(0, 0)] - known[1][(0, 0)]).abs() > 1e-3 && (known[0][(0, 0)] - known[0][(1, 0)]).abs() > 1e-3);
+}
+
+#[test]
+fn a_region_without_marks_or_with_places_of_another_shape_is_refused() {
+    let options = LocalOptions { neighbours: 2, ridge: 0.3 };
+    let region = |places: (usize, usize), marks: (usize, usize)| {
+        let (places, marks) = (Mat::zeros(places.0, places.1), Mat::zeros(marks.0, marks.1));
+        GoalRegion::new(Mat::from_fn(3, 5, |i, j| (i + j) as f32), places.as_ref(), marks, 0.8, options)
+    };
+    assert!(region((2, 5), (3, 1)).is_ok());
+    for (places, marks) in [((2, 5), (3, 0)), ((1, 5), (3, 1)), ((2, 4), (3, 1)), ((2, 5), (2, 1))] {
+        assert!(region(places, marks).is_err(), "{places:?} {marks:?}");
+    }
 }
 
 /// A run whose first actions happen to be all of two kinds, and rewards below 0: of the third nothing is known, and no one takes it.

@@ -44,7 +44,7 @@ pub struct Percept {
     pub asked: Vec<u64>,
 }
 
-/// A transition of the window, outcomes by where the goals are.
+/// A transition of the window, judged by where the goals are.
 pub type TaskTransition = Transition<Arc<Observation>, TaskOutcomes>;
 
 /// An observation that somebody marked as the goal of a task.

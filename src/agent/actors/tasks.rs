@@ -108,8 +108,7 @@ impl Tasks {
         Some([mean(0), mean(1)])
     }
 
-    /// What an action that ended so is worth to the tasks as they are now. What it is worth
-    /// to tasks whose goals are shown follows from features, when policies are fitted: until then it is not a number.
+    /// What an action that ended so is worth to the tasks as they are now. What it is worth to tasks whose goals are shown follows from features, when policies are fitted: until then it is not a number.
     pub fn outcomes_of(&self, end: ActionEnd) -> TaskOutcomes {
         let ActionEnd { place, blocked } = end;
         let reward = |task: &Task| if task.is_shown() { f64::NAN } else { self.plan.reward(task, place) };
@@ -133,7 +132,7 @@ fn is_even(pixels: &[u8]) -> bool {
     least.zip(most).is_none_or(|(least, most)| most - least <= NOISE)
 }
 
-/// The goals that a scenario moves, each with the first frame that is outcomes by it.
+/// The goals that a scenario moves, each with the first frame that is judged by it.
 fn script(scenario: &Scenario) -> Vec<(u64, GoalMove)> {
     let moves = scenario.changes.iter().filter_map(|change| match change.what {
         ChangeKind::Goal { task, goal } => Some((change.first_frame(&scenario.robot), GoalMove { task, goal })),

@@ -114,6 +114,12 @@ fn move_goal(shared: &Shared, body: &[u8]) -> Answer {
         let names: Vec<&str> = shared.tasks.iter().map(|task| task.name.as_str()).collect();
         return Err(wrong(format!("there is no task {:?}: there are {}", wanted.task, names.join(", "))));
     };
+    if shared.tasks[task].is_shown() {
+        return Err(wrong(format!(
+            "the goal of {:?} is shown by marks: it cannot be moved to coordinates",
+            wanted.task
+        )));
+    }
     let place = Point2::new(wanted.x, wanted.y);
     // JSON has no numbers that are not finite, but some that become so.
     if !(wanted.x.is_finite() && wanted.y.is_finite() && shared.plan.is_reachable(place)) {

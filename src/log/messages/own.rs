@@ -122,7 +122,7 @@ messages! {
         blocked: bool,
         /// The names of the tasks.
         tasks: Vec<String>,
-        /// The reward of each task.
+        /// The reward of each task; not a number where the goal is shown, since features tell it when policies are fitted.
         rewards: Vec<f64>,
     } in Header Time;
 

@@ -70,26 +70,31 @@ fn room(material: &Material<'_>, room_maps: &RoomMaps, task: usize, name: &str) 
     let worth = room_maps.worth(task);
     let values: Map = worth.iter().map(|worth| worth.0).collect();
     let mut marks = Vec::new();
+    // Of goals that are shown, nearness to walls is not known.
+    let punishes = material.room.as_ref().is_some_and(|room| !room.scenario.tasks[task].is_shown());
     if let Some(room) = &material.room {
         let (low, high) = room.corners();
-        marks.extend(room.near_walls(task, 0.014 * (high[0] - low[0])));
+        if punishes {
+            marks.extend(room.near_walls(task, 0.014 * (high[0] - low[0])));
+        }
         marks.extend(room.goal(task));
     }
     marks.extend(material.last_way());
     marks.extend(arrows(material, room_maps, task, &worth));
     marks.extend(material.walls(6));
     let title = format!("The room and the policy of {name}");
+    let mut key = vec![
+        (GOAL, "goal".to_owned()),
+        (PATH, format!("the last {} actions", super::LAST_ACTIONS)),
+        (INK, "where the policy turns to".to_owned()),
+    ];
+    key.extend(punishes.then(|| (HATCH, "near a wall, punished".to_owned())));
     let (low, high) = ends(&values);
     let svg = Panels {
         colours: Colours::Sequential(low, high),
         scale: WORTH.to_owned(),
         axes: true,
-        key: vec![
-            (GOAL, "goal".to_owned()),
-            (PATH, format!("the last {} actions", super::LAST_ACTIONS)),
-            (INK, "where the policy turns to".to_owned()),
-            (HATCH, "near a wall, punished".to_owned()),
-        ],
+        key,
         ..drawing(material, &title, room_maps, vec![Panel { values, ..Panel::of(marks) }])
     }
     .svg()?;

@@ -109,7 +109,7 @@ pub struct Task {
     pub within: Option<f64>,
     /// Reward for an action that ends in the goal area.
     pub reward: f64,
-    /// Reward for an action that ends near a wall, outside the goal area.
+    /// Reward for an action that ends near a wall, outside the goal area; 0 where the goal is shown, since walls need a pose.
     pub wall_reward: f64,
     /// Near a wall is closer than this, robot centre to wall, metres.
     pub wall_distance: f64,
@@ -210,20 +210,26 @@ impl Task {
             radius: s.number("radius", radius, "m", Range::above(0.0, 1000.0), meaning),
             within,
             reward: s.number("reward", 1.0, "", Range::above(0.0, 1e6), "for an action that ends in the goal area"),
-            wall_reward: s.number(
-                "wall_reward",
-                -0.3,
-                "",
-                Range::within(-1e6, 0.0),
-                "for an action that ends near a wall, outside the goal area",
-            ),
-            wall_distance: s.number(
-                "wall_distance",
-                0.3,
-                "m",
-                Range::within(0.0, 1000.0),
-                "robot centre to wall that counts as near",
-            ),
+            wall_reward: match goal {
+                Some(_) => s.number(
+                    "wall_reward",
+                    -0.3,
+                    "",
+                    Range::within(-1e6, 0.0),
+                    "for an action that ends near a wall, outside the goal area",
+                ),
+                None => 0.0,
+            },
+            wall_distance: match goal {
+                Some(_) => s.number(
+                    "wall_distance",
+                    0.3,
+                    "m",
+                    Range::within(0.0, 1000.0),
+                    "robot centre to wall that counts as near",
+                ),
+                None => 0.0,
+            },
             absorbing: s.flag("absorbing", false, "whether values count the goal as the end of an episode"),
             then: s.choice(
                 "then",

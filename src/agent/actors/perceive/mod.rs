@@ -121,7 +121,7 @@ impl Perceive {
     }
 
     /// See a frame: its observation, and at the end of an action the percept to act on. Tasks move at the end of actions, too,
-    /// and what the action came to is outcomes by where they are then.
+    /// and what the action came to is judged by where they are then.
     pub fn see(&mut self, frame: Frame) -> SeenFrame {
         let pixels = match frame.view {
             View::Observation(pixels) => pixels,
