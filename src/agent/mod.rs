@@ -33,7 +33,7 @@ pub use runtime::checkpoint::{
     CHECKPOINT_NAME, CheckpointError, STATE_NAME, SavedState, checkpoint_bytes, read_checkpoint, read_state,
 };
 pub use runtime::clock::Timing;
-pub use runtime::controls::{Controls, TooMany};
+pub use runtime::controls::{Controls, Marking, TooMany};
 pub use runtime::marker::SnapshotSettings;
 pub use runtime::status::{Status, StatusValues, peak_resident_bytes, resident_bytes};
 pub use runtime::timing::RecordedEvents;

@@ -63,7 +63,7 @@ fn prepare(args: &ReplayArgs, file: &Path) -> Result<(LogContents, Roles, Scenar
             args.run.display()
         )));
     }
-    let roles = survey.roles(&wanted.topics).map_err(refuse)?;
+    let roles = survey.roles(&wanted).map_err(refuse)?;
     let frames = frames_per_action(&survey, &roles, &wanted).map_err(refuse)?;
     let images = survey.topics.get(&roles.camera).map_or(0, |seen| seen.messages);
     let mut sets = vec![
@@ -87,7 +87,7 @@ fn summary(roles: &Roles, scenario: &Scenario) -> String {
     format!(
         "camera {}, pose {}, {actions}, sonar {}; {} images in an action",
         roles.camera,
-        roles.pose,
+        name(&roles.pose),
         name(&roles.sonar),
         scenario.robot.frames_per_action
     )

@@ -86,8 +86,9 @@ impl RunContext<'_> {
         // Goals may have moved since the first frame.
         let mut scenario = self.scenario.clone();
         if let Ok(learned) = self.learned {
-            let goals = scenario.tasks.iter_mut().zip(&learned.goals);
-            goals.for_each(|(task, goal)| task.goal = *goal);
+            let places = scenario.tasks.iter_mut().map(|task| &mut task.goal);
+            let places = places.chain(scenario.avoids.iter_mut().map(|avoid| &mut avoid.at));
+            places.zip(&learned.goals).for_each(|(place, known)| *place = *known);
         }
         let room_maps = self.learned.as_ref().ok().filter(|_| self.simulated).map(|learned| {
             steps.begin("report: looking around in the simulated room");

@@ -148,7 +148,7 @@ impl RoomMaps {
             features: (0..shown).map(|_| empty()).collect(),
             values: (0..tasks).map(|_| empty()).collect(),
             best: (0..tasks).map(|_| empty()).collect(),
-            there: (0..tasks).map(|task| learned.regions.get(task)?.as_ref().map(|_| nowhere.clone())).collect(),
+            there: learned.regions.iter().map(|region| region.as_ref().map(|_| nowhere.clone())).collect(),
             coarse: own.is_some(),
         };
         for (number, look) in looked.iter().flatten().enumerate() {
@@ -159,8 +159,10 @@ impl RoomMaps {
             for (task, &(value, action)) in look.tasks.iter().enumerate() {
                 room_maps.values[task][heading][place] = value;
                 room_maps.best[task][heading][place] = action as f64;
-                if let Some(there) = &mut room_maps.there[task] {
-                    there[place] += f64::from(u8::from(look.there[task])) / HEADINGS as f64;
+            }
+            for (there, &inside) in room_maps.there.iter_mut().zip(&look.there) {
+                if let Some(there) = there {
+                    there[place] += f64::from(u8::from(inside)) / HEADINGS as f64;
                 }
             }
         }
@@ -203,7 +205,8 @@ fn looks_of(learned: &Learned, seen: &[Observation], shown: usize) -> Vec<View> 
         let q = (0..values.nrows()).map(|a| values[(a, j)]).enumerate();
         q.fold((f64::NEG_INFINITY, 0), |best, (a, q)| if q > best.0 { (q, a) } else { best })
     };
-    let there: Vec<Vec<bool>> = (0..values.len()).map(|task| learned.are_there(phi.as_ref(), task)).collect();
+    let there: Vec<Vec<bool>> =
+        (0..learned.regions.len()).map(|place| learned.are_there(phi.as_ref(), place)).collect();
     (0..seen.len())
         .map(|j| View {
             // The first feature is the constant one.

@@ -9,15 +9,17 @@ mod decode;
 mod maps;
 mod optimal;
 mod reference;
+mod results;
 mod spans;
 mod trials;
 
 pub use decode::{PoseDecode, PoseError, decode_pose};
 pub use maps::{FEATURES, Fineness, Grid, HEADINGS, Map, RoomMaps, angle, features_of};
-pub use optimal::optimal_steps;
+pub use optimal::{Circle, optimal_steps};
 pub use reference::reference_action;
+pub use results::{Arrival, Avoided, TaskResult, WithoutReflexes};
 pub use spans::overlap;
-pub use trials::{Evaluator, Situation, TaskResult, Trip, WithoutReflexes};
+pub use trials::{Evaluator, Situation, Trip};
 
 use nalgebra::{Point2, Vector2};
 use rand::RngExt;

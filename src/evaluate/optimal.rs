@@ -6,8 +6,7 @@ use std::hash::{BuildHasherDefault, Hasher};
 use nalgebra::{Point2, Vector2};
 
 use crate::robot::Pose;
-use crate::scenario::in_goal;
-use crate::scenario::{Robot, Task};
+use crate::scenario::{Robot, Task, distance_to_segment, in_goal};
 use crate::world::{Arena, FrameMotion, drive};
 
 /// Poses that agree within this distance (metres) and angle (degrees) count as one.
@@ -20,11 +19,35 @@ const SQUARE: f64 = 0.1;
 /// distance at which a sweep stops.
 const WELL_CLEAR: f64 = 0.01;
 
-/// The least number of noise-free actions from a pose into a task's goal area, or `None` beyond `most`.
+/// An area of the floor that is to be avoided.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Circle {
+    /// Its centre, metres.
+    pub centre: Point2<f64>,
+    /// Its radius, metres.
+    pub radius: f64,
+}
+
+impl Circle {
+    /// Whether a straight move goes from outside into it, or across it.
+    pub fn is_entered(&self, from: Point2<f64>, to: Point2<f64>) -> bool {
+        (from - self.centre).norm() >= self.radius && distance_to_segment(self.centre, from, to) < self.radius
+    }
+}
+
+/// The least number of noise-free actions from a pose into a task's goal area without entering what is to be avoided, or `None`
+/// beyond `most`.
 ///
 /// The lattice of poses is laid out from the start pose itself, so the first steps are exact; only poses that are reached
 /// again within 2 cm and 2° are dropped.
-pub fn optimal_steps(arena: &Arena, robot: &Robot, task: &Task, start: Pose, most: usize) -> Option<usize> {
+pub fn optimal_steps(
+    arena: &Arena,
+    robot: &Robot,
+    task: &Task,
+    avoid: &[Circle],
+    start: Pose,
+    most: usize,
+) -> Option<usize> {
     if in_goal(task, start.position) {
         return Some(0);
     }
@@ -49,6 +72,9 @@ pub fn optimal_steps(arena: &Arena, robot: &Robot, task: &Task, start: Pose, mos
             let free = open.around(pose.position);
             for &motion in &motions {
                 let moved = if free { unhindered(*pose, motion) } else { drive(*pose, motion, arena, robot.radius).0 };
+                if avoid.iter().any(|area| area.is_entered(pose.position, moved.position)) {
+                    continue;
+                }
                 if in_goal(task, moved.position) {
                     return Some(steps);
                 }

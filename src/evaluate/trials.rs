@@ -6,80 +6,18 @@ use faer::{Mat, Par};
 use nalgebra::Point2;
 use rand::RngExt;
 use rayon::prelude::*;
-use serde::Serialize;
 
-use super::{draw_pose, wilson_low};
+use super::{Arrival, Avoided, Circle, TaskResult, WithoutReflexes, draw_pose, wilson_low};
 use crate::evaluate::{optimal_steps, reference_action};
 use crate::policy::{Learned, Recent, Reflexes, columns};
 use crate::random::{fix_parallelism, stream};
 use crate::robot::{Action, ActionSet, ActionValues, Pose};
-use crate::scenario::in_goal;
-use crate::scenario::{ChangeKind, Scenario, Task};
+use crate::scenario::{Avoid, ChangeKind, Scenario, Show, Task, in_goal};
 use crate::vision::{Observation, Observer, observe};
 use crate::world::{Robot, Sensor, World};
 
 /// Trials begin this many frames later at most, as far as distractors go: each finds them somewhere else.
 const LATEST: u64 = 100_000;
-
-/// Results of one task, as in `report.json`.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct TaskResult {
-    /// The task's name.
-    pub name: String,
-    /// Number of trials.
-    pub starts: usize,
-    /// Share of trials that arrived.
-    pub success: f64,
-    /// Lower end of its 95 % Wilson interval.
-    pub success_wilson_low: f64,
-    /// Steps of the trials that arrived, mean; `None` if none did.
-    pub mean_steps: Option<f64>,
-    /// Optimal steps from the same starts, mean.
-    pub optimal_mean_steps: f64,
-    /// Steps beyond the optimal ones, mean over the trials that arrived.
-    pub extra_steps: Option<f64>,
-    /// Mean of γ^(steps − optimal steps), where trials that failed count 0.
-    pub convergence_quality: f64,
-    /// Share of trials in which the thesis's reference policy arrives from the same starts.
-    pub reference_success: f64,
-    /// Sequences left–right–left–right (or the reverse) per 1000 actions.
-    pub dithers_per_1000: f64,
-    /// The same starts without reflexes, with the same weights, which count on the reflexes.
-    pub without_reflexes: Option<WithoutReflexes>,
-    /// Of a goal that was shown: how well the agent knows that it is there.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub arrival: Option<Arrival>,
-}
-
-/// What came of trials in which the agent itself says that it has arrived, and ends them with that.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Arrival {
-    /// Trials that the agent ended so.
-    pub declared: usize,
-    /// Share of all trials that ended so truly at the goal: within the task's radius of the shown place.
-    pub true_rate: f64,
-    /// Share of those that ended so elsewhere.
-    pub false_rate: f64,
-    /// Distance from the shown place where they ended, median, metres; `None` if none did.
-    pub distance_p50_m: Option<f64>,
-    /// The same for 99 of 100.
-    pub distance_p99_m: Option<f64>,
-    /// Mean of γ^(steps − optimal steps to the radius), where all but true arrivals count 0.
-    pub quality: f64,
-}
-
-/// What the policy reaches without reflexes.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct WithoutReflexes {
-    /// Share of trials that arrived.
-    pub success: f64,
-    /// Steps of the trials that arrived, mean.
-    pub mean_steps: Option<f64>,
-    /// Mean of γ^(steps − optimal steps), where trials that failed count 0.
-    pub convergence_quality: f64,
-    /// Sequences left–right–left–right per 1000 actions.
-    pub dithers_per_1000: f64,
-}
 
 /// A robot's way in a trial.
 #[derive(Debug, Clone, PartialEq)]
@@ -131,6 +69,8 @@ struct Trial {
     ended: bool,
     arrived: bool,
     declared_at: Option<f64>,
+    /// Actions that led into what is to be avoided.
+    entries: usize,
 }
 
 /// Outcome of the trials of one task.
@@ -144,6 +84,7 @@ struct Outcome {
 /// A task with its goal at a place, fixed starts outside of it, and what they come to at best.
 struct TrialTask {
     task: Task,
+    avoid: Vec<Circle>,
     starts: Vec<Pose>,
     optimal: Vec<Option<usize>>,
     /// Success of the reference policy.
@@ -170,31 +111,49 @@ impl Evaluator {
         fix_parallelism();
         let (count, courses, moved, seen) = (starts, Vec::new(), Mutex::default(), OnceLock::new());
         let mut evaluator = Evaluator { scenario, world, seed, count, courses, moved, seen };
-        evaluator.courses = evaluator.scenario.tasks.iter().map(|task| evaluator.plan(task.clone())).collect();
+        let avoid = evaluator.avoided(evaluator.scenario.avoids.iter().map(|avoid| avoid.at));
+        let tasks = evaluator.scenario.tasks.iter();
+        evaluator.courses = tasks.map(|task| evaluator.plan(task.clone(), avoid.clone())).collect();
         evaluator
     }
 
+    /// What is to be avoided, as far as it is known where that is.
+    fn avoided(&self, places: impl Iterator<Item = Option<[f64; 2]>>) -> Vec<Circle> {
+        let area = |(place, avoid): (Option<[f64; 2]>, &Avoid)| {
+            Some(Circle { centre: Point2::from(place?), radius: avoid.radius })
+        };
+        places.zip(&self.scenario.avoids).filter_map(area).collect()
+    }
+
     /// Draw the starts of a task and see what they come to.
-    fn plan(&self, task: Task) -> Arc<TrialTask> {
+    fn plan(&self, task: Task, avoid: Vec<Circle>) -> Arc<TrialTask> {
         let plan = &self.world.plan;
         let cells: Vec<Point2<f64>> = plan.reachable_cells().collect();
         let mut rng = stream(self.seed, &format!("evaluate: starts of {}", task.name));
         let starts: Vec<Pose> =
             (0..self.count).map(|_| draw_pose(plan, &cells, &mut rng, |position| in_goal(&task, position))).collect();
         let (arena, robot, most) = (&self.world.arena, &self.scenario.robot, self.scenario.evaluate.max_steps);
-        let optimal = starts.par_iter().map(|&pose| optimal_steps(arena, robot, &task, pose, most)).collect();
-        let mut course = TrialTask { task, starts, optimal, reference: 0.0 };
+        let optimal = starts.par_iter().map(|&pose| optimal_steps(arena, robot, &task, &avoid, pose, most)).collect();
+        let mut course = TrialTask { task, avoid, starts, optimal, reference: 0.0 };
         course.reference = self.reference_success(&course);
         Arc::new(course)
     }
 
     /// The tasks as they are right behind the last frame that a model knows. A goal that lies where nobody can start outside of it stays where it was at first.
     fn courses(&self, learned: &Learned) -> Vec<Arc<TrialTask>> {
-        let mut goals: Vec<Option<[f64; 2]>> = self.scenario.tasks.iter().map(|task| task.goal).collect();
+        let scenario = &self.scenario;
+        let goals = scenario.tasks.iter().map(|task| task.goal).chain(scenario.avoids.iter().map(|avoid| avoid.at));
+        let mut goals: Vec<Option<[f64; 2]>> = goals.collect();
         if learned.goals.len() == goals.len() {
             goals.clone_from(&learned.goals);
         }
-        let per_action = self.scenario.robot.frames_per_action as u64;
+        // Where the robot has no pose, the simulation knows where it was carried.
+        let per_action = scenario.robot.frames_per_action as u64;
+        let ends = |show: &Show| *show.actions().end() as u64 * per_action;
+        for (goal, name) in goals.iter_mut().zip(scenario.names()).filter(|(goal, _)| goal.is_none()) {
+            let mut shown = scenario.shows.iter().filter(|show| show.task == name && ends(show) <= learned.asked_at);
+            *goal = shown.next_back().map(|show| show.at);
+        }
         for change in &self.scenario.changes {
             // During the action before which it moves, the model may not know it yet: see [`Change`](crate::scenario::Change).
             if let ChangeKind::Goal { task, goal } = change.what
@@ -204,19 +163,23 @@ impl Evaluator {
                 goals[task] = Some(goal);
             }
         }
+        let avoid = self.avoided(goals.split_off(scenario.tasks.len()).into_iter());
         let at = |(course, goal): (&Arc<TrialTask>, Option<[f64; 2]>)| {
             let plan = &self.world.plan;
             let Some(place) = goal else { return course.clone() };
             let (centre, radius) = (Point2::from(place), course.task.radius);
-            if goal == course.task.goal || !plan.reaches_circle(centre, radius) || !plan.leaves_circle(centre, radius) {
+            let as_at_first = goal == course.task.goal && avoid == course.avoid;
+            if as_at_first || !plan.reaches_circle(centre, radius) || !plan.leaves_circle(centre, radius) {
                 return course.clone();
             }
             let mut moved = self.moved.lock().unwrap_or_else(PoisonError::into_inner);
-            let known = moved.iter().find(|known| known.task.name == course.task.name && known.task.goal == goal);
-            if let Some(known) = known {
+            let known = |known: &&Arc<TrialTask>| {
+                known.task.name == course.task.name && known.task.goal == goal && known.avoid == avoid
+            };
+            if let Some(known) = moved.iter().find(known) {
                 return known.clone();
             }
-            let new = self.plan(Task { goal, ..course.task.clone() });
+            let new = self.plan(Task { goal, ..course.task.clone() }, avoid.clone());
             moved.push(new.clone());
             new
         };
@@ -233,6 +196,7 @@ impl Evaluator {
     pub fn evaluate_and_show(&self, learned: &Learned, without_reflexes: bool) -> Vec<(TaskResult, Vec<Trip>)> {
         let reflexes = Reflexes::new(&self.scenario);
         let courses = self.courses(learned);
+        let heedless = learned.without_avoiding().filter(|_| without_reflexes);
         let tried = courses.iter().enumerate().map(|(task, course)| {
             let trials = self.run(learned, task, course, reflexes);
             let unaided = without_reflexes.then(|| {
@@ -240,7 +204,13 @@ impl Evaluator {
             });
             let result = self.result(course, &Outcome::new(&trials, &self.scenario.robot.actions()), unaided.as_ref());
             let arrival = course.task.is_shown().then(|| self.arrival(course, &trials));
-            (TaskResult { arrival, ..result }, course.ways(trials))
+            let entries = |trials: &[Trial]| trials.iter().map(|trial| trial.entries).sum();
+            let avoided = (!course.avoid.is_empty()).then(|| Avoided {
+                entries: entries(&trials),
+                entries_without: heedless.as_ref().map(|heedless| entries(&self.run(heedless, task, course, reflexes))),
+                detour: course.detour(&trials),
+            });
+            (TaskResult { arrival, avoided, ..result }, course.ways(trials))
         });
         tried.collect()
     }
@@ -286,6 +256,7 @@ impl Evaluator {
                 dithers_per_1000: outcome.dithers_per_1000(),
             }),
             arrival: None,
+            avoided: None,
         }
     }
 
@@ -375,7 +346,7 @@ impl Evaluator {
             };
             for (trial, action) in active.iter_mut().zip(actions) {
                 match action {
-                    Some(action) => self.act(trial, action, &course.task),
+                    Some(action) => self.act(trial, action, &course.task, &course.avoid),
                     None => trial.declare(&course.task),
                 }
             }
@@ -391,7 +362,7 @@ impl Evaluator {
         for trial in &mut trials {
             while !trial.ended && trial.actions.len() < self.scenario.evaluate.max_steps {
                 let action = reference_action(&trial.robot.pose, goal);
-                self.act(trial, action, &by_pose);
+                self.act(trial, action, &by_pose, &[]);
             }
         }
         share(trials.iter().filter(|trial| trial.arrived).count(), trials.len())
@@ -418,6 +389,7 @@ impl Evaluator {
                 ended: false,
                 arrived: false,
                 declared_at: None,
+                entries: 0,
             }
         };
         course.starts.iter().enumerate().map(begin).collect()
@@ -428,12 +400,17 @@ impl Evaluator {
         trial.later + (trial.actions.len() * self.scenario.robot.frames_per_action) as u64
     }
 
-    fn act(&self, trial: &mut Trial, action: Action, task: &Task) {
+    fn act(&self, trial: &mut Trial, action: Action, task: &Task, avoid: &[Circle]) {
         let motion = trial.robot.draw(action);
-        let mut blocked = false;
+        let (mut blocked, from) = (false, trial.robot.pose.position);
         for _ in 0..self.scenario.robot.frames_per_action {
             blocked |= trial.robot.drive(motion, &self.world.arena);
         }
+        // Who begins at its edge may have to cross it in order to get away.
+        let margin = self.scenario.robot.forward / 2.0;
+        let begins_outside = |area: &&Circle| (trial.poses[0].position - area.centre).norm() >= area.radius + margin;
+        let entered = |area: &&Circle| area.is_entered(from, trial.robot.pose.position);
+        trial.entries += avoid.iter().filter(begins_outside).filter(entered).count();
         trial.actions.push(action);
         trial.poses.push(trial.robot.pose);
         trial.recent = trial.recent.then(action, blocked);
@@ -459,6 +436,13 @@ fn share(count: usize, n: usize) -> f64 {
 }
 
 impl TrialTask {
+    /// Steps over those of the shortest way around what is to be avoided, mean over the trials that arrived.
+    fn detour(&self, trials: &[Trial]) -> Option<f64> {
+        let arrived = trials.iter().zip(&self.optimal).filter(|(trial, _)| trial.arrived);
+        let ratio = |(trial, best): (&Trial, &Option<usize>)| Some(trial.actions.len() as f64 / (*best)?.max(1) as f64);
+        mean(arrived.filter_map(ratio))
+    }
+
     fn ways(&self, trials: Vec<Trial>) -> Vec<Trip> {
         let way = |(trial, &optimal): (Trial, &Option<usize>)| {
             let Trial { poses, arrived, declared_at, .. } = trial;

@@ -14,7 +14,7 @@ use crate::agent::Controls;
 use crate::log::LogError;
 use crate::log::messages::Decision;
 use crate::report::gather::{Downsample, HealthSeen};
-use crate::scenario::plan_segments;
+use crate::scenario::{Avoid, plan_segments};
 
 /// Points of the way that are shown: the end of it.
 const WAY: usize = 900;
@@ -50,6 +50,28 @@ pub struct TaskView {
     /// Centre of the goal area, metres.
     pub goal: Option<[f64; 2]>,
     /// Radius of the goal area, metres.
+    pub radius: f64,
+}
+
+/// A place that marks say.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct ShownView {
+    /// Name of the task.
+    pub name: String,
+    /// It is to be avoided.
+    pub avoid: bool,
+    /// Frames that are marked as it.
+    pub marks: u64,
+}
+
+/// An area to be avoided.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct AvoidView {
+    /// Its name.
+    pub name: String,
+    /// Its centre, metres, where it is known.
+    pub at: Option<[f64; 2]>,
+    /// Its radius, metres.
     pub radius: f64,
 }
 
@@ -185,6 +207,12 @@ pub struct View {
     pub walls: Vec<WallView>,
     /// Tasks.
     pub tasks: Vec<TaskView>,
+    /// What is to be avoided.
+    pub avoids: Vec<AvoidView>,
+    /// Places that marks say.
+    pub shown: Vec<ShownView>,
+    /// How the last pursuit ended.
+    pub pursuit: Option<String>,
     /// What was decided last.
     pub decision: Option<DecisionView>,
     /// What the camera sees, rendered anew.
@@ -294,6 +322,23 @@ impl Watcher {
                     radius: task.radius,
                 };
                 scenario.tasks.iter().map(view).collect()
+            }),
+            avoids: scenario.map_or_else(Vec::new, |scenario| {
+                let view = |avoid: &Avoid| AvoidView { name: avoid.name.clone(), at: avoid.at, radius: avoid.radius };
+                scenario.avoids.iter().map(view).collect()
+            }),
+            shown: scenario.map_or_else(Vec::new, |scenario| {
+                let view = |(number, name): (usize, &str)| ShownView {
+                    name: name.to_owned(),
+                    avoid: number >= scenario.tasks.len(),
+                    marks: gathered.marks.get(name).copied().unwrap_or(0),
+                };
+                let names = scenario.names().enumerate();
+                names.filter(|&(number, _)| scenario.is_shown(number)).map(view).collect()
+            }),
+            pursuit: gathered.pursuit.as_ref().map(|end| {
+                let how = if end.arrived { "arrived at" } else { "gave up" };
+                format!("{how} {}, after {} actions", end.task, end.actions)
             }),
             decision: newest.decision.as_ref().map(|decision| DecisionView {
                 number: decision.action_index,

@@ -6,7 +6,8 @@ use std::{fmt, marker::PhantomData};
 
 use super::messages::{
     Decision, DictionaryGrowth, Evaluation, FrameTaken, GoalMoved, Health, Image, LaserScan, Log, ModelRequest,
-    ModelUpdate, Odometry, PolicyUpdate, PoseStamped, PursuitEnded, RunEnd, Text, Transition, TwistStamped,
+    ModelUpdate, Odometry, PolicyUpdate, PoseStamped, PursuitEnded, RewardGiven, RunEnd, Text, Transition,
+    TwistStamped,
 };
 use super::{Message, cdr};
 
@@ -92,8 +93,10 @@ topics! {
     FRAME: FrameTaken = "/adagio/frame";
     /// Goals that were moved.
     GOAL: GoalMoved = "/adagio/goal";
-    /// What somebody marks as the goal of a task: its name; `forget` and its name.
+    /// What somebody marks as the place of a task: its name; `forget` and its name.
     MARK: Text = "/adagio/mark";
+    /// Rewards from the robot's own software.
+    REWARD: RewardGiven = "/adagio/reward";
     /// Pursuits that are over.
     PURSUIT: PursuitEnded = "/adagio/pursuit";
     /// Actions chosen.

@@ -9,7 +9,7 @@ use sha2::{Digest, Sha256};
 
 use super::metric;
 use super::pixel_values::{PixelPoints, PixelValues, PolicyError};
-use super::region::GoalRegion;
+use super::region::{FloorMap, GoalRegion};
 use crate::robot::{ActionValues, MOST_ACTIONS};
 use crate::scenario::hex;
 use crate::slow::SlowModel;
@@ -30,16 +30,21 @@ pub struct Learned {
     /// What the values of each task are made of. Where they are linear in the features: weights, `f × A`,
     /// `Q(x, a) = φ(x)ᵀ w_a`. Where they are local: what each transition is worth, `N × 1`.
     pub weights: Vec<Mat<f64>>,
+    /// Weights that were fitted as if nothing was to be avoided, for comparison; none where nothing is.
+    pub heedless: Vec<Mat<f64>>,
     /// Of local values: where actions were tried, in coordinates of the slowest features (`N` transitions).
     pub instances: Option<Arc<Instances>>,
-    /// Centres of the goal areas that the weights were fitted for, by task, where they are known; none: those of the scenario.
+    /// Centres of the goal areas that the weights were fitted for, by task, and behind them of what is to be avoided, where they
+    /// are known; none: those of the scenario.
     pub goals: Vec<Option<[f64; 2]>>,
-    /// What counts as being at the goal, by task; `None` where no marks say it. None at all without such a task.
+    /// Where states lie on the floor; known where something is shown.
+    pub map: Option<FloorMap>,
+    /// What counts as being there, in the same order; `None` where no marks say it. None at all where nothing is shown.
     pub regions: Vec<Option<GoalRegion>>,
     /// The same Q-values, straight from pixels.
     values: Values,
-    /// Where values are linear: points of observations in the regions' coordinates.
-    region_points: Option<PixelPoints>,
+    /// Where values are linear: points of observations in the map's coordinates.
+    map_points: Option<PixelPoints>,
 }
 
 /// Q-values straight from pixels.
@@ -56,6 +61,8 @@ pub struct State<'a> {
     observation: &'a Observation,
     /// The point in coordinates of the slowest features, `p × 1`.
     point: OnceCell<Mat<f32>>,
+    /// Local values of all tasks, and the place on the map, found with the same neighbours.
+    local: OnceCell<(Vec<ActionValues>, Option<[f64; 2]>)>,
 }
 
 impl State<'_> {
@@ -66,21 +73,33 @@ impl State<'_> {
     pub fn q_values(&self, task: usize) -> ActionValues {
         match &self.learned.values {
             Values::Linear(values) => values.of(self.observation, task),
-            Values::Local(points) => self.learned.local_values_at(self.point(points), task..task + 1)[0],
+            Values::Local(points) => self.local(points).0[task],
         }
     }
 
-    /// Whether this is the goal of a task that was shown; never without marks.
+    /// Whether this is the goal of a task that was shown, or what was shown to be avoided; never without marks.
     ///
     /// # Panics
     /// As [`Learned::q_values`].
     pub fn is_there(&self, task: usize) -> bool {
         let Some(Some(region)) = self.learned.regions.get(task) else { return false };
-        let points = match &self.learned.values {
-            Values::Linear(_) => self.learned.region_points.as_ref(),
-            Values::Local(points) => Some(points),
+        let (points, place) = match (&self.learned.values, &self.learned.map_points, &self.learned.map) {
+            (Values::Local(points), ..) => (points, self.local(points).1),
+            (Values::Linear(_), Some(points), Some(map)) => {
+                let place = map.places_of(self.point(points)).ok().map(|place| [place[(0, 0)], place[(1, 0)]]);
+                (points, place)
+            }
+            _ => return false,
         };
-        points.is_some_and(|points| region.holds(self.point(points))[0])
+        place.is_some_and(|place| region.holds(self.point(points).col(0), place))
+    }
+
+    fn local(&self, points: &PixelPoints) -> &(Vec<ActionValues>, Option<[f64; 2]>) {
+        self.local.get_or_init(|| {
+            let (values, places) = self.learned.local_values(self.point(points), 0..self.learned.weights.len());
+            let of_actions = |q: &Mat<f64>| ActionValues::new(q.col(0).iter().copied());
+            (values.iter().map(of_actions).collect(), places.map(|places| places[0]))
+        })
     }
 
     fn point(&self, points: &PixelPoints) -> MatRef<'_, f32> {
@@ -124,8 +143,22 @@ impl Learned {
         weights: Vec<Mat<f64>>,
     ) -> Result<Self, PolicyError> {
         let values = Values::Linear(PixelValues::new(&model, &weights)?);
-        let (goals, regions, region_points) = (Vec::new(), Vec::new(), None);
-        Ok(Learned { epoch, asked_at, frames, model, weights, instances: None, goals, regions, values, region_points })
+        let (goals, regions, map, map_points) = (Vec::new(), Vec::new(), None, None);
+        let (instances, heedless) = (None, Vec::new());
+        Ok(Learned {
+            epoch,
+            asked_at,
+            frames,
+            model,
+            weights,
+            heedless,
+            instances,
+            goals,
+            map,
+            regions,
+            values,
+            map_points,
+        })
     }
 
     /// Features with local values: where actions were tried, as [`points`](super::points) of the model, and what each
@@ -162,11 +195,13 @@ impl Learned {
             frames,
             model,
             weights: worth,
+            heedless: Vec::new(),
             instances: Some(instances),
             goals: Vec::new(),
+            map: None,
             regions: Vec::new(),
             values,
-            region_points: None,
+            map_points: None,
         })
     }
 
@@ -175,25 +210,45 @@ impl Learned {
         Learned { goals, ..self }
     }
 
-    /// The same, with what counts as being at each task's goal.
+    /// The same, with weights that were fitted as if nothing was to be avoided.
+    pub fn with_heedless(self, heedless: Vec<Mat<f64>>) -> Self {
+        Learned { heedless, ..self }
+    }
+
+    /// The same, with a map of the floor, and what counts as being at each place that was shown. The map of local values is of the
+    /// states where actions were tried.
     ///
     /// # Errors
-    /// Regions in more coordinates than there are features, or in others than local values have.
-    pub fn with_regions(self, regions: Vec<Option<GoalRegion>>) -> Result<Self, PolicyError> {
-        let mut region_points = None;
-        for found in regions.iter().flatten().map(|region| region.marks().nrows()) {
-            let of_values = self.instances.as_ref().map(|instances| instances.points().nrows());
-            if found > self.model.slowness.len() || of_values.is_some_and(|of_values| of_values != found) {
-                return Err(PolicyError::Coordinates {
-                    found,
-                    features: of_values.unwrap_or(self.model.slowness.len()),
-                });
-            }
-            if of_values.is_none() && region_points.is_none() {
-                region_points = Some(PixelPoints::new(&self.model, metric::weights(&self.model, found).as_ref())?);
-            }
+    /// A map of other states than local values have, a map or regions in other coordinates than the features give.
+    pub fn with_regions(self, map: Option<FloorMap>, regions: Vec<Option<GoalRegion>>) -> Result<Self, PolicyError> {
+        let Some(of_map) = map.as_ref().map(|map| map.instances().clone()) else {
+            return Ok(Learned { map, regions, map_points: None, ..self });
+        };
+        let coordinates = of_map.points().nrows();
+        let others =
+            regions.iter().flatten().map(|region| region.marks().nrows()).filter(|&found| found != coordinates);
+        if let Some(found) = others.chain((coordinates > self.model.slowness.len()).then_some(coordinates)).next() {
+            return Err(PolicyError::Coordinates { found, features: coordinates.min(self.model.slowness.len()) });
         }
-        Ok(Learned { regions, region_points, ..self })
+        let map_points = match &self.instances {
+            Some(instances) if Arc::ptr_eq(instances, &of_map) => None,
+            Some(instances) => {
+                return Err(PolicyError::Worth { task: 0, found: of_map.len(), expected: instances.len() });
+            }
+            None => Some(PixelPoints::new(&self.model, metric::weights(&self.model, coordinates).as_ref())?),
+        };
+        Ok(Learned { map, regions, map_points, ..self })
+    }
+
+    /// The same with values that were fitted as if nothing was to be avoided, where there are such.
+    pub fn without_avoiding(&self) -> Option<Self> {
+        let (epoch, asked_at, frames, model) = (self.epoch, self.asked_at, self.frames, self.model.clone());
+        let weights = Some(self.heedless.clone()).filter(|weights| !weights.is_empty())?;
+        let heedless = match &self.instances {
+            None => Learned::new(epoch, asked_at, frames, model, weights),
+            Some(instances) => Learned::local(epoch, asked_at, frames, model, instances.clone(), weights),
+        };
+        heedless.ok()?.for_goals(self.goals.clone()).with_regions(self.map.clone(), self.regions.clone()).ok()
     }
 
     /// How many actions it has values for.
@@ -233,7 +288,7 @@ impl Learned {
 
     /// What the model makes of an observation, computed when it is asked for and once.
     pub fn state<'a>(&'a self, observation: &'a Observation) -> State<'a> {
-        State { learned: self, observation, point: OnceCell::new() }
+        State { learned: self, observation, point: OnceCell::new(), local: OnceCell::new() }
     }
 
     /// Q-values of an observation for every task: the same as [`Learned::q_values`] of each, at the cost of one where values are
@@ -242,17 +297,8 @@ impl Learned {
     /// # Panics
     /// If the observation is not of the size that the scenario sets, see [`Learned::features`].
     pub fn q_values_of_all_tasks(&self, observation: &Observation) -> Vec<ActionValues> {
-        match &self.values {
-            Values::Linear(values) => (0..self.weights.len()).map(|task| values.of(observation, task)).collect(),
-            Values::Local(points) => {
-                self.local_values_at(as_point(points, observation).as_ref(), 0..self.weights.len())
-            }
-        }
-    }
-
-    /// Local values of some tasks for what the camera sees.
-    fn local_values_at(&self, point: MatRef<'_, f32>, tasks: Range<usize>) -> Vec<ActionValues> {
-        self.local_values(point, tasks).iter().map(|q| ActionValues::new(q.col(0).iter().copied())).collect()
+        let state = self.state(observation);
+        (0..self.weights.len()).map(|task| state.q_values(task)).collect()
     }
 
     /// Whether there is a goal to pursue: one that is `shown` needs marks.
@@ -262,10 +308,12 @@ impl Learned {
 
     /// Whether observations are at the goal of a task that was shown, by their features, `f × n`.
     pub fn are_there(&self, phi: MatRef<'_, f64>, task: usize) -> Vec<bool> {
-        match self.regions.get(task) {
-            Some(Some(region)) => region.holds(metric::points(&self.model, phi, region.marks().nrows()).as_ref()),
-            _ => vec![false; phi.ncols()],
-        }
+        let (Some(Some(region)), Some(map)) = (self.regions.get(task), &self.map) else {
+            return vec![false; phi.ncols()];
+        };
+        let points = metric::points(&self.model, phi, region.marks().nrows());
+        let Ok(places) = map.places_of(points.as_ref()) else { return vec![false; phi.ncols()] };
+        (0..phi.ncols()).map(|j| region.holds(points.col(j), [places[(0, j)], places[(1, j)]])).collect()
     }
 
     /// Q-values of observations for all tasks from their features: `phi: f × n` gives `actions × n` for each.
@@ -277,20 +325,26 @@ impl Learned {
             None => self.weights.iter().map(|weights| weights.transpose() * phi).collect(),
             Some(instances) => {
                 let points = metric::points(&self.model, phi, instances.points().nrows());
-                self.local_values(points.as_ref(), 0..self.weights.len())
+                self.local_values(points.as_ref(), 0..self.weights.len()).0
             }
         }
     }
 
-    /// Local values of some tasks at points; zeros where a point is not finite, since nothing is near it.
-    fn local_values(&self, points: MatRef<'_, f32>, tasks: Range<usize>) -> Vec<Mat<f64>> {
+    /// Local values of some tasks at points, and their places where there is a map; zeros and no places where a point is not finite,
+    /// since nothing is near it.
+    fn local_values(&self, points: MatRef<'_, f32>, tasks: Range<usize>) -> (Vec<Mat<f64>>, Option<Vec<[f64; 2]>>) {
         // The column of a matrix of our own lies in one piece.
-        let worths: Vec<&[f64]> = self.weights[tasks]
-            .iter()
-            .filter_map(|worth| Some(worth.as_ref().col(0).try_as_col_major()?.as_slice()))
-            .collect();
-        let values = self.instances.as_ref().map(|instances| instances.action_values(&worths, points));
-        values.and_then(Result::ok).unwrap_or_else(|| vec![Mat::zeros(self.actions(), points.ncols()); worths.len()])
+        let worths = self.weights[tasks.clone()].iter();
+        let worths = worths.filter_map(|worth| Some(worth.as_ref().col(0).try_as_col_major()?.as_slice()));
+        let coordinates = self.map.iter().flat_map(FloorMap::coordinates);
+        let worths: Vec<&[f64]> = worths.chain(coordinates).collect();
+        let values = self.instances.as_ref().and_then(|instances| instances.action_values(&worths, points).ok());
+        let Some(mut values) = values else {
+            return (vec![Mat::zeros(self.actions(), points.ncols()); tasks.len()], None);
+        };
+        let found = values.split_off(tasks.len());
+        let places = |map: &FloorMap| (0..points.ncols()).map(|j| map.place(&found, j)).collect();
+        (values, self.map.as_ref().map(places))
     }
 
     /// A hash over dictionary, features and policy weights, bit by bit.
@@ -298,14 +352,18 @@ impl Learned {
         let mut hash = Sha256::new();
         hash.update(self.model_digest_input());
         hash.update(self.instances_digest_input());
-        for weights in &self.weights {
+        for weights in self.weights.iter().chain(&self.heedless) {
             hash.update(bytes_of(weights.as_ref()));
+        }
+        if let Some(map) = &self.map {
+            hash.update(bytes_of_points(map.instances().points()));
+            hash.update(bytes_of(map.places().as_ref()));
         }
         for region in self.regions.iter().flatten() {
             hash.update(region.within().to_le_bytes());
+            hash.update(region.unlike().to_le_bytes());
             hash.update(bytes_of_points(region.marks()));
-            hash.update(bytes_of_points(region.states()));
-            hash.update(bytes_of(region.places().as_ref()));
+            hash.update(bytes_of(region.marked()));
         }
         hex(&hash.finalize())
     }

@@ -13,5 +13,5 @@ pub use learned::{Learned, State, columns};
 pub use metric::points;
 pub use pixel_values::{PixelPoints, PixelValues, PolicyError};
 pub use reflex::{Recent, Reflexes};
-pub use region::GoalRegion;
+pub use region::{FloorMap, GoalRegion};
 pub use walk::{Walk, clearance_ahead};

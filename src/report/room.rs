@@ -3,7 +3,7 @@
 use nalgebra::{Point2, Vector2};
 use plotters::prelude::*;
 
-use super::draw::{GOAL, INK, Mark};
+use super::draw::{BAD, GOAL, INK, Mark};
 use crate::robot::Pose;
 use crate::scenario::{Plan, Scenario, Task, plan_segments};
 use crate::world::World;
@@ -48,10 +48,17 @@ impl Room<'_> {
         marks
     }
 
-    /// The goal area of a task, where it is known.
-    pub fn goal(&self, task: usize) -> Option<Mark> {
+    /// The goal area of a task, and what is to be avoided, where they are known.
+    pub fn goal(&self, task: usize) -> Vec<Mark> {
         let task = &self.scenario.tasks[task];
-        Some(Mark::Disc(task.goal?, task.radius, GOAL))
+        let goal = task.goal.map(|goal| Mark::Disc(goal, task.radius, GOAL));
+        goal.into_iter().chain((0..self.scenario.avoids.len()).filter_map(|avoid| self.avoided(avoid))).collect()
+    }
+
+    /// One of the areas that are to be avoided, where it is known.
+    pub fn avoided(&self, avoid: usize) -> Option<Mark> {
+        let avoid = &self.scenario.avoids[avoid];
+        Some(Mark::Disc(avoid.at?, avoid.radius, BAD))
     }
 
     /// Lines over the places that a task calls near a wall, `apart` metres from each other.

@@ -123,6 +123,7 @@ fn imported_lines(imported: &ImportReport) -> String {
         (imported.without_pose, "images left out: no pose before and after them"),
         (imported.out_of_order, "images left out: not later than the one before"),
         (imported.unusable_images, "images left out: they could not be read"),
+        (imported.unknown_marks, "marks of what is not shown"),
         (imported.damaged, "other messages or records could not be read"),
     ] {
         if count > 0 {
@@ -131,6 +132,9 @@ fn imported_lines(imported: &ImportReport) -> String {
     }
     if let Some(reason) = &imported.first_unusable {
         let _ = writeln!(text, "  the first image that could not be read: {reason}");
+    }
+    if let Some(reason) = &imported.first_unknown_mark {
+        let _ = writeln!(text, "  the first mark of what is not shown: {reason}");
     }
     text
 }
@@ -174,6 +178,18 @@ pub fn tasks_table(tasks: &[TaskResult], pose: Option<&PoseDecode>) -> String {
             _ if task.starts == 0 => writeln!(text, "{name} was not shown yet, or nobody knows where: no trials"),
             _ => writeln!(text, "{name} was shown, and the agent never says that it is there"),
         };
+    }
+    for (task, avoided) in tasks.iter().filter_map(|task| Some((task, task.avoided.as_ref()?))) {
+        let without = avoided
+            .entries_without
+            .map_or(String::new(), |without| format!(", {without} if nothing was to be avoided"));
+        let _ = writeln!(
+            text,
+            "on the way to {}: {} actions led into what is to be avoided{without}; {} times the steps of the shortest way around",
+            task.name,
+            avoided.entries,
+            number(avoided.detour, 2),
+        );
     }
     if let Some(pose) = pose {
         let _ = writeln!(

@@ -7,6 +7,9 @@ use super::keys::Reader;
 use super::plan::{Plan, PlanFault, clearance};
 use super::sections::{Detail, Mode, Scenario, Task, WhenBehind};
 
+/// What stands before the name in a mark that takes others back.
+pub(crate) const FORGET: &str = "forget ";
+
 /// Report what does not fit together.
 pub(super) fn check(s: &Scenario, reader: &mut Reader<'_>) {
     counts(s, reader);
@@ -14,6 +17,7 @@ pub(super) fn check(s: &Scenario, reader: &mut Reader<'_>) {
     changes(s, reader);
     tasks(s, reader);
     shows(s, reader);
+    contradictions(s, reader);
     rooms(s, reader);
     if s.world.walls.is_empty() {
         if reader.sound(&["world"]) {
@@ -151,23 +155,32 @@ fn modes(s: &Scenario, reader: &mut Reader<'_>) {
 
 fn tasks(s: &Scenario, reader: &mut Reader<'_>) {
     if s.tasks.is_empty() && reader.sound(&["task"]) {
-        reader.fault_at("task", "is missing: at least one [[task]] is needed".into());
+        reader.fault_at("task", "is missing: at least one [[task]] with a goal is needed".into());
     }
-    for (index, task) in s.tasks.iter().enumerate() {
-        if task.name.is_empty() || s.tasks[..index].iter().any(|other| other.name == task.name) {
-            let text = format!("= {:?} is not allowed: names must be unique and not empty", task.name);
+    for (index, name) in s.names().enumerate() {
+        // The text of a mark that takes others back begins so.
+        if name.is_empty() || s.names().take(index).any(|other| other == name) || name.starts_with(FORGET) {
+            let text =
+                format!("= {name:?} is not allowed: names must be unique, not empty, and not begin with {FORGET:?}");
             reader.fault_at(&format!("task.{index}.name"), text);
+        }
+        let avoid = index.checked_sub(s.tasks.len()).map(|place| &s.avoids[place]);
+        let needs_pose = avoid.map_or_else(|| s.tasks[index].needs_pose(), |avoid| !avoid.is_shown());
+        if !s.robot.pose_known && needs_pose && reader.sound(&["task", "robot.pose"]) {
+            let key = format!("task.{index}.{}", if avoid.is_some() { "avoid" } else { "goal" });
+            let text = "is a place by coordinates, and with robot.pose = \"none\" nobody knows when the robot is there: it must be \"shown\"";
+            reader.fault_at(&key, text.into());
         }
     }
 }
 
-/// What is shown is the goal of a task that waits for it, one after the other, and before the run ends.
+/// What is shown is the place of a task that waits for it, one after the other, and before the run ends.
 fn shows(s: &Scenario, reader: &mut Reader<'_>) {
-    let shown: Vec<&str> = s.tasks.iter().filter(|task| task.is_shown()).map(|task| task.name.as_str()).collect();
+    let shown: Vec<&str> = s.names().enumerate().filter(|&(number, _)| s.is_shown(number)).map(|of| of.1).collect();
     for (index, show) in s.shows.iter().enumerate() {
         let (task, action) = (format!("show.{index}.task"), format!("show.{index}.action"));
         if !shown.contains(&show.task.as_str()) && reader.sound(&[&task, "task"]) {
-            let text = format!("= {:?} is not a task with goal = \"shown\": there are {shown:?}", show.task);
+            let text = format!("= {:?} is no task whose goal or avoid is \"shown\": there are {shown:?}", show.task);
             reader.fault_at(&task, text);
         }
         if *show.actions().end() >= s.actions && reader.sound(&[&action, "actions"]) {
@@ -266,11 +279,12 @@ struct Area {
     radius: f64,
 }
 
-/// The goal areas of all tasks, and those that they get later.
-fn areas(s: &Scenario) -> Vec<Area> {
+/// The goal areas of all tasks, and those that they get later, and the areas to be avoided, with the number of each.
+fn areas(s: &Scenario) -> Vec<(usize, Area)> {
     let at = |key: String, task: usize, centre: [f64; 2]| {
-        let radius = s.tasks.get(task)?.radius;
-        Some(Area { keys: [key, format!("task.{task}.radius")], centre, radius })
+        let avoid = task.checked_sub(s.tasks.len()).and_then(|place| s.avoids.get(place));
+        let radius = s.tasks.get(task).map(|task| task.radius).or(avoid.map(|avoid| avoid.radius))?;
+        Some((task, Area { keys: [key, format!("task.{task}.radius")], centre, radius }))
     };
     let first = s.tasks.iter().enumerate().map(|(index, task)| at(format!("task.{index}.goal"), index, task.goal?));
     let later = s.changes.iter().enumerate().map(|(index, change)| match change.what {
@@ -278,14 +292,40 @@ fn areas(s: &Scenario) -> Vec<Area> {
         _ => None,
     });
     let shown = s.shows.iter().enumerate().map(|(index, show)| {
-        let task = s.tasks.iter().position(|task| task.name == show.task)?;
+        let task = s.names().position(|name| name == show.task)?;
         at(format!("show.{index}.at"), task, show.at)
     });
-    first.chain(later).chain(shown).flatten().collect()
+    let avoided = s.avoids.iter().enumerate().map(|(place, avoid)| {
+        let task = s.tasks.len() + place;
+        at(format!("task.{task}.avoid"), task, avoid.at?)
+    });
+    first.chain(avoided).chain(later).chain(shown).flatten().collect()
+}
+
+/// Where a goal lies in what is to be avoided, no value serves both.
+fn contradictions(s: &Scenario, reader: &mut Reader<'_>) {
+    let areas: Vec<(usize, Area)> = areas(s);
+    for (task, goal) in areas.iter().filter(|(number, _)| *number < s.tasks.len()) {
+        for (avoid, area) in areas.iter().filter(|(number, _)| *number >= s.tasks.len()) {
+            let distance = (Point2::from(goal.centre) - Point2::from(area.centre)).norm();
+            if distance < area.radius && reader.sound(&[&goal.keys[0], &area.keys[0], &area.keys[1]]) {
+                let text = format!(
+                    "= {:?} is the goal of {:?}, {distance:.2} m from {:?} at {:?}, which is to be avoided: it must be at least \
+                     {} m away",
+                    goal.centre,
+                    s.tasks[*task].name,
+                    s.avoids[avoid - s.tasks.len()].name,
+                    area.centre,
+                    area.radius
+                );
+                reader.fault_at(&goal.keys[0], text);
+            }
+        }
+    }
 }
 
 fn goals(s: &Scenario, plan: &Plan, reader: &mut Reader<'_>) {
-    for Area { keys: [goal, size], centre, radius } in areas(s) {
+    for (_, Area { keys: [goal, size], centre, radius }) in areas(s) {
         if !reader.sound(&[&goal, &size]) {
             continue;
         }
@@ -307,7 +347,7 @@ fn goals(s: &Scenario, plan: &Plan, reader: &mut Reader<'_>) {
 
 /// Goals in walls can be told without knowing what the robot reaches.
 fn goals_alone(s: &Scenario, reader: &mut Reader<'_>) {
-    for Area { keys: [goal, size], centre, radius } in areas(s) {
+    for (_, Area { keys: [goal, size], centre, radius }) in areas(s) {
         let clearance = clearance(&s.world.walls, Point2::from(centre));
         if clearance + radius < s.robot.radius && reader.sound(&[&goal, &size, "robot.radius"]) {
             let text = format!(

@@ -281,16 +281,29 @@ impl<'t> Section<'_, 't> {
 
     /// A number, or the word `"auto"` (`None`), which is the default.
     pub fn number_or_auto(&mut self, key: &str, unit: &str, range: Range, doc: &str) -> Option<f64> {
-        let allowed = format!("\"auto\" or a number in {range}");
+        self.number_or(key, None, "auto", unit, range, doc)
+    }
+
+    /// A number, or a word instead of it: `None`.
+    pub fn number_or(
+        &mut self,
+        key: &str,
+        default: Option<f64>,
+        word: &str,
+        unit: &str,
+        range: Range,
+        doc: &str,
+    ) -> Option<f64> {
+        let allowed = format!("\"{word}\" or a number in {range}");
         let value = match self.take(key) {
-            Found::Nothing => None,
-            Found::Value(value, _) if value.as_str() == Some("auto") => None,
+            Found::Nothing => default,
+            Found::Value(value, _) if value.as_str() == Some(word) => None,
             Found::Value(value, line) => match as_number(&value) {
                 Some(number) if range.holds(number) => Some(number),
-                _ => self.refuse(key, line, &shown(&value), &allowed, None),
+                _ => self.refuse(key, line, &shown(&value), &allowed, default),
             },
         };
-        let shown = value.map_or("\"auto\"".to_owned(), |number| format!("{number:?}"));
+        let shown = value.map_or_else(|| format!("{word:?}"), |number| format!("{number:?}"));
         self.write(key, &shown, &format!("{}{allowed}: {doc}", spaced(unit)));
         value
     }
@@ -309,21 +322,27 @@ impl<'t> Section<'_, 't> {
     }
 
     /// The same, or a word instead of it: `None`.
-    pub fn point_or(&mut self, key: &str, default: [f64; 2], word: &str, doc: &str) -> Option<[f64; 2]> {
+    pub fn point_or(&mut self, key: &str, default: Option<[f64; 2]>, word: &str, doc: &str) -> Option<[f64; 2]> {
         let value = match self.take(key) {
-            Found::Nothing => Some(default),
+            Found::Nothing => default,
             Found::Value(value, _) if value.as_str() == Some(word) => None,
             Found::Value(value, line) => match as_point(&value) {
                 Some(point) => Some(point),
                 None => {
                     let allowed = format!("two finite numbers, [x, y], or \"{word}\"");
-                    Some(self.refuse(key, line, &shown(&value), &allowed, default))
+                    self.refuse(key, line, &shown(&value), &allowed, default)
                 }
             },
         };
         let text = value.map_or_else(|| format!("{word:?}"), |point| format!("{point:?}"));
         self.write(key, &text, &format!("m, or \"{word}\": {doc}"));
         value
+    }
+
+    /// Whether a key stands in the file, or in `--set`.
+    pub fn has(&self, key: &str) -> bool {
+        let name = self.name(key);
+        self.reader.overrides.contains_key(&name) || find(self.reader.root.get_ref(), &name).is_some()
     }
 
     /// At least two points, `[[x, y], …]` in metres; there is no default.

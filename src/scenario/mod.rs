@@ -16,10 +16,11 @@ mod texture;
 mod topics;
 
 pub use change::{Change, ChangeKind};
+pub(crate) use checks::FORGET;
 pub use distractors::Distractor;
 pub use keys::Fault;
-pub(crate) use plan::nearest;
 pub use plan::{Plan, PlanFault, in_goal, pieces_of as plan_pieces, segments_of as plan_segments};
+pub(crate) use plan::{distance_to_segment, nearest};
 pub use pyramids::Pyramid;
 pub use rooms::{Room, SIDES, Wall};
 pub use sections::*;

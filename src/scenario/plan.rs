@@ -197,7 +197,7 @@ pub(crate) fn nearest(segments: &[(Point2<f64>, Point2<f64>)], point: Point2<f64
     segments.iter().map(|&(a, b)| distance_to_segment(point, a, b)).fold(f64::INFINITY, f64::min)
 }
 
-fn distance_to_segment(point: Point2<f64>, a: Point2<f64>, b: Point2<f64>) -> f64 {
+pub(crate) fn distance_to_segment(point: Point2<f64>, a: Point2<f64>, b: Point2<f64>) -> f64 {
     let along = b - a;
     let length = along.norm_squared();
     let t = if length > 0.0 { ((point - a).dot(&along) / length).clamp(0.0, 1.0) } else { 0.0 };

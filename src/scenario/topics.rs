@@ -15,6 +15,8 @@ pub struct Topics {
     pub action: TopicChoice,
     /// Distances to obstacles.
     pub sonar: TopicChoice,
+    /// What somebody marks.
+    pub mark: TopicChoice,
     /// Every how many images is used.
     pub every: usize,
     /// Which clock counts.
@@ -68,6 +70,7 @@ impl Topics {
                  \"left\", \"right\"): one message when an action begins; without it actions are cut from the motion",
             ),
             sonar: topic(s, "sonar", "sensor_msgs LaserScan"),
+            mark: topic(s, "mark", "std_msgs String, the name of a task that is shown; \"auto\" is /adagio/mark"),
             every: s.count("every", 1, "images", 1, 1000, "each n-th image is used"),
             stamps: s.choice(
                 "stamps",

@@ -9,7 +9,7 @@ pub use recorded::{Recorded, Resumed};
 pub use segments::{Rule, Segment, Segmenter, Step};
 
 use crate::robot::{Action, Pose};
-use crate::scenario::Task;
+use crate::scenario::{FORGET, Scenario};
 use crate::snapshot::{Snapshot, SnapshotError};
 use crate::vision::Image;
 
@@ -39,12 +39,15 @@ pub struct Frame {
     pub moved: Vec<GoalMove>,
     /// What somebody marked with this frame.
     pub marks: Vec<Mark>,
+    /// Rewards from outside for the action that ends with this frame, by task, not a number where nothing was published; empty
+    /// without such tasks, and where no action ends.
+    pub rewards: Vec<f64>,
 }
 
-/// Somebody says what a task's goal is, while the robot is there.
+/// Somebody says what a task's goal is, or what is to be avoided, while the robot is there.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Mark {
-    /// Number of the task, from 0.
+    /// Number of the task, from 0, see [`Scenario::names`].
     pub task: usize,
     /// What is said.
     pub kind: MarkKind,
@@ -53,29 +56,27 @@ pub struct Mark {
 /// A mark as text, as messages hold it: the task's name, for what is forgotten with that word before it.
 pub fn mark_text(task: &str, kind: MarkKind) -> String {
     match kind {
-        MarkKind::Goal => task.to_owned(),
+        MarkKind::Here => task.to_owned(),
         MarkKind::Forget => format!("{FORGET}{task}"),
     }
 }
 
-const FORGET: &str = "forget ";
-
 /// A mark from its text, with the number of its task.
 ///
 /// # Errors
-/// There is no such task; the text names those that there are.
-pub fn parse_mark(text: &str, tasks: &[Task]) -> Result<Mark, String> {
-    let number = |name: &str| tasks.iter().position(|task| task.name == name);
-    if let Some(task) = number(text) {
-        return Ok(Mark { task, kind: MarkKind::Goal });
+/// There is no such task, or it is not shown; the text names those that are.
+pub fn parse_mark(text: &str, scenario: &Scenario) -> Result<Mark, String> {
+    let shown = |name: &str| scenario.names().position(|of| of == name).filter(|&number| scenario.is_shown(number));
+    if let Some(task) = shown(text) {
+        return Ok(Mark { task, kind: MarkKind::Here });
     }
-    match text.strip_prefix(FORGET).and_then(number) {
+    match text.strip_prefix(FORGET).and_then(shown) {
         Some(task) => Ok(Mark { task, kind: MarkKind::Forget }),
         None => {
-            let names: Vec<&str> = tasks.iter().map(|task| task.name.as_str()).collect();
+            let names = scenario.names().enumerate().filter(|&(number, _)| scenario.is_shown(number)).map(|of| of.1);
             Err(format!(
-                "{text:?} marks nothing: it must be the name of a task ({}), or \"forget\" and such a name",
-                names.join(", ")
+                "{text:?} marks nothing: it must be the name of a task that is shown ({}), or \"forget\" and such a name",
+                names.collect::<Vec<_>>().join(", ")
             ))
         }
     }
@@ -84,9 +85,9 @@ pub fn parse_mark(text: &str, tasks: &[Task]) -> Result<Mark, String> {
 /// What a mark says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum MarkKind {
-    /// This is the goal.
-    Goal,
-    /// Nothing that was marked so far is the goal any more.
+    /// It is here.
+    Here,
+    /// Nothing that was marked so far counts any more.
     Forget,
 }
 

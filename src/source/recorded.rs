@@ -7,7 +7,9 @@ use nalgebra::Point2;
 
 use super::{Boundary, Frame, GoalMove, Mark, Source, View, parse_mark};
 use crate::log::files::FilesReader;
-use crate::log::messages::{self as msg, FrameTaken, GoalMoved, Image, LaserScan, Odometry, PoseStamped, Text};
+use crate::log::messages::{
+    self as msg, FrameTaken, GoalMoved, Image, LaserScan, Odometry, PoseStamped, RewardGiven, Text,
+};
 use crate::log::{LogError, Message, Record, topics};
 use crate::robot::{Action, Pose};
 use crate::scenario::Scenario;
@@ -22,6 +24,7 @@ struct Sensed {
     taken: Option<FrameTaken>,
     moved: Vec<GoalMove>,
     marks: Vec<Mark>,
+    rewards: Vec<f64>,
 }
 
 /// A recorded run as the source of frames. Commands change nothing: the robot did what it did.
@@ -94,6 +97,7 @@ impl Recorded {
             topics::FRAME.name(),
             topics::GOAL.name(),
             topics::MARK.name(),
+            topics::REWARD.name(),
             topics::OBSERVATION.name(),
         ];
         if !part_of_frame.contains(&&**topic) {
@@ -117,7 +121,13 @@ impl Recorded {
             let task = self.scenario.tasks.iter().position(|task| task.name == moved.task);
             self.parts.moved.extend(task.map(|task| GoalMove { task, goal: [moved.x, moved.y] }));
         } else if is(topics::MARK.name()) {
-            self.parts.marks.extend(parse_mark(&decode::<Text>(record)?.data, &self.scenario.tasks).ok());
+            self.parts.marks.extend(parse_mark(&decode::<Text>(record)?.data, &self.scenario).ok());
+        } else if is(topics::REWARD.name()) {
+            let given: RewardGiven = decode(record)?;
+            self.parts.rewards.resize(self.scenario.tasks.len(), f64::NAN);
+            if let Some(task) = self.scenario.tasks.iter().position(|task| task.name == given.task) {
+                self.parts.rewards[task] = given.reward;
+            }
         } else {
             let image = decode::<Image>(record)?;
             let parts = std::mem::take(&mut self.parts);
@@ -134,11 +144,8 @@ impl Recorded {
 
     fn frame(&self, parts: Sensed, image: Image, stamp_ns: u64) -> Option<Frame> {
         // The pose is not there where nobody knows it.
-        let Sensed { pose: truth, odometry: Some(odometry), sonar: Some(sonar), taken: Some(taken), moved, marks } =
-            parts
-        else {
-            return None;
-        };
+        let Sensed { pose: truth, odometry, sonar, taken, moved, marks, rewards } = parts;
+        let (odometry, sonar, taken) = (odometry?, sonar?, taken?);
         let vision = &self.scenario.vision;
         if image.data.len() != 3 * vision.width * vision.height {
             return None;
@@ -158,6 +165,7 @@ impl Recorded {
             boundary: taken.boundary.then_some(Boundary { blocked: taken.blocked }),
             moved,
             marks,
+            rewards,
         })
     }
 }

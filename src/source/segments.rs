@@ -78,6 +78,12 @@ impl Rule {
         Step { ahead, turned, stuck, duration }
     }
 
+    /// The same where nobody knows where the robot is: it does what it was told to, ahead.
+    pub fn as_commanded(&self, seconds: f64) -> Step {
+        let duration = seconds / self.seconds;
+        Step { ahead: duration, duration, ..Step::default() }
+    }
+
     /// Whether no robot drives from one pose to the other in so many seconds: somebody carried it, or its localisation has
     /// found out that it was wrong.
     pub fn is_jump(&self, from: &Pose, to: &Pose, seconds: f64) -> bool {

@@ -9,7 +9,7 @@ use rand_distr::StandardNormal;
 use super::{Robot, Sensor, World};
 use crate::random::stream;
 use crate::robot::{Action, Pose};
-use crate::scenario::{Scenario, Show};
+use crate::scenario::{Scenario, Show, Task, in_goal};
 use crate::snapshot::{Snapshot, SnapshotError};
 use crate::source::{Boundary, Frame, Mark, MarkKind, Source, View};
 use crate::vision::Image;
@@ -52,14 +52,25 @@ impl Simulated {
             number,
             stamp_ns: EPOCH_NS + (seconds * 1e9).round() as u64,
             view: View::Image(image),
-            truth: Some(self.robot.pose),
+            truth: self.scenario.robot.pose_known.then_some(self.robot.pose),
             odometry: self.robot.odometry,
             sonar: self.robot.sonar(&self.world.arena),
             action,
             boundary,
             moved: Vec::new(),
             marks: Vec::new(),
+            rewards: if action.is_some() && boundary.is_some() { self.pads() } else { Vec::new() },
         }
+    }
+
+    /// What pads on the floor publish, by task; nothing without any.
+    fn pads(&self) -> Vec<f64> {
+        let tasks = &self.scenario.tasks;
+        let pad = |task: &Task| match task.topic {
+            Some(_) => f64::from(u8::from(in_goal(task, self.robot.pose.position))),
+            None => f64::NAN,
+        };
+        if tasks.iter().any(|task| task.topic.is_some()) { tasks.iter().map(pad).collect() } else { Vec::new() }
     }
 
     /// The show that takes the place of the next action, and how many actions of it are over.
@@ -74,7 +85,7 @@ impl Simulated {
         let Some((show, done)) = self.show() else { return };
         let (show, frames) = (show.clone(), self.scenario.robot.frames_per_action);
         let from = *self.carried_from.get_or_insert(self.robot.pose);
-        let task = self.scenario.tasks.iter().position(|task| task.name == show.task);
+        let task = self.scenario.names().position(|name| name == show.task);
         let mut by_hand = stream(self.scenario.seed, &format!("show at action {}", show.action));
         let mut error = |deviation: f64| deviation * by_hand.sample::<f64, _>(StandardNormal);
         let put_down = Point2::new(show.at[0] + error(BY_HAND[0]), show.at[1] + error(BY_HAND[0]));
@@ -88,7 +99,7 @@ impl Simulated {
             let boundary = (index + 1 == frames).then_some(Boundary { blocked: false });
             let mut frame = self.frame(None, boundary);
             if done < show.headings {
-                frame.marks.extend(task.map(|task| Mark { task, kind: MarkKind::Goal }));
+                frame.marks.extend(task.map(|task| Mark { task, kind: MarkKind::Here }));
             }
             if !give(frame) {
                 break;

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use adagio::kernel::Kernel;
-use adagio::policy::{GoalRegion, Learned, PolicyError, Recent, Reflexes, columns};
+use adagio::policy::{FloorMap, GoalRegion, Learned, PolicyError, Recent, Reflexes, columns};
 use adagio::random::stream;
 use adagio::robot::{Action, ActionSet};
 use adagio::scenario::Vision;
@@ -103,7 +103,10 @@ fn a_region_without_marks_or_with_places_of_another_shape_is_refused() {
     let options = LocalOptions { neighbours: 2, ridge: 0.3 };
     let region = |places: (usize, usize), marks: (usize, usize)| {
         let (places, marks) = (Mat::zeros(places.0, places.1), Mat::zeros(marks.0, marks.1));
-        GoalRegion::new(Mat::from_fn(3, 5, |i, j| (i + j) as f32), places.as_ref(), marks, 0.8, options)
+        let states = Mat::from_fn(3, 5, |i, j| (i + j) as f32);
+        let instances = Arc::new(Instances::new(states.clone(), vec![5], options)?);
+        let map = FloorMap::new(instances, places.as_ref())?;
+        GoalRegion::new(&map, marks, 0.8, [states.as_ref(); 2])
     };
     assert!(region((2, 5), (3, 1)).is_ok());
     for (places, marks) in [((2, 5), (3, 0)), ((1, 5), (3, 1)), ((2, 4), (3, 1)), ((2, 5), (2, 1))] {

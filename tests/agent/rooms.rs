@@ -122,8 +122,8 @@ fn crossing_the_two_rooms_takes_45_moves() {
     let mut task = scenario.tasks[0].clone();
     (task.goal, task.radius) = (Some([13.75, 2.75]), 0.1);
     let start = Pose::new(Point2::new(0.25, 2.75), 0.0);
-    assert_eq!(optimal_steps(&world.arena, &scenario.robot, &task, start, 100), Some(45));
-    assert_eq!(optimal_steps(&world.arena, &scenario.robot, &task, start, 44), None);
+    assert_eq!(optimal_steps(&world.arena, &scenario.robot, &task, &[], start, 100), Some(45));
+    assert_eq!(optimal_steps(&world.arena, &scenario.robot, &task, &[], start, 44), None);
 }
 
 #[test]
@@ -131,7 +131,7 @@ fn the_optimal_way_around_a_corner_is_the_counted_one() {
     let (scenario, world) = two_rooms(&[]);
     let steps = |from: [f64; 2], degrees: f64, goal: [f64; 2]| {
         let task = adagio::scenario::Task { goal: Some(goal), radius: 0.16, ..scenario.tasks[0].clone() };
-        optimal_steps(&world.arena, &scenario.robot, &task, Pose::new(from.into(), f64::to_radians(degrees)), 100)
+        optimal_steps(&world.arena, &scenario.robot, &task, &[], Pose::new(from.into(), f64::to_radians(degrees)), 100)
     };
     // Through the corridor, 20 moves of 0.30 m along its axis.
     assert_eq!(steps([4.0, 2.75], 0.0, [10.1, 2.75]), Some(20));

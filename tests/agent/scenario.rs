@@ -225,6 +225,10 @@ kind = \"lose\"
 [[task]]
 [[task]]
 goal = \"shown\"
+[[task]]
+reward = \"topic\"
+[[task]]
+avoid = \"shown\"
 [[show]]
 task = \"task 2\"
 ";
@@ -252,7 +256,7 @@ fn reference() -> String {
                 (key, value, meaning)
             })
             .collect();
-        let tells = |row: &&(&str, &str, &str)| row.0 == "kind" || row.1 == "\"shown\"";
+        let tells = |row: &&(&str, &str, &str)| row.0 == "kind" || ["\"shown\"", "\"topic\""].contains(&row.1);
         if let Some((key, value, _)) = rows.iter().find(tells) {
             let _ = write!(title, " with `{key} = {value}`");
         }

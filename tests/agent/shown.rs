@@ -106,11 +106,152 @@ fn what_is_learned_does_not_depend_on_any_pose() {
     assert_eq!(unknown.goals, [None, None]);
 }
 
+/// The log's diagnostics.
+fn said(run: &std::path::Path) -> Vec<String> {
+    let file = std::fs::File::open(run.join("run_000.mcap")).unwrap();
+    let records = adagio::log::LogReader::new(file, "run_000.mcap").map(Result::unwrap);
+    let text = |record: adagio::log::Record| match &record {
+        adagio::log::Record::Message { topic, .. } if **topic == *"/rosout" => {
+            Some(record.decode::<adagio::log::messages::Log>().unwrap().msg)
+        }
+        _ => None,
+    };
+    records.filter_map(text).collect()
+}
+
+fn topics_of(run: &std::path::Path) -> std::collections::BTreeMap<String, usize> {
+    let file = std::fs::File::open(run.join("run_000.mcap")).unwrap();
+    let mut counts = std::collections::BTreeMap::new();
+    for record in adagio::log::LogReader::new(file, "run_000.mcap") {
+        if let adagio::log::Record::Message { topic, .. } = record.unwrap() {
+            *counts.entry(topic.to_string()).or_insert(0) += 1;
+        }
+    }
+    counts
+}
+
+fn short() -> Vec<&'static str> {
+    SHORT.iter().flat_map(|set| ["--set", set]).collect()
+}
+
+/// From the first frame to the report, and the same to the bit as with a pose.
+#[test]
+fn a_run_without_any_pose_is_the_same_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let known = run_of(folder.path(), "known", &short());
+    let scenario = package_file("scenarios/shown.toml");
+    let fixed = ["run", scenario.to_str().unwrap(), "--quiet", "--out", "none", "--set", "robot.pose=none"];
+    let output = adagio(folder.path(), &[&fixed[..], &short()].concat());
+    assert!(output.status.success(), "{}", stderr(&output));
+    let none = folder.path().join("none");
+    let page = std::fs::read_to_string(none.join("report.html")).unwrap();
+    assert!(page.contains("What was shown of centre"), "the pictures are there without a pose");
+    assert_eq!(topics_of(&none).get("/pose"), None);
+    assert!(topics_of(&known)["/pose"] > 4000);
+    let (known, none) = (report(&known), report(&none));
+    assert_eq!(none["digest"], known["digest"]);
+    assert!(
+        none["tasks"][0]["arrival"]["declared"].as_u64() > Some(0),
+        "the simulation knows where it showed the goal"
+    );
+    let text = std::fs::read_to_string(&scenario).unwrap();
+    let by_pose = text.replacen("goal = \"shown\"", "goal = [1.5, 0.9]", 1);
+    let area = format!("{}[[task]]\navoid = [1.5, 0.3]\n", text.split_once("[[show]]").unwrap().0);
+    for (text, key) in [(by_pose, "task.0.goal"), (area, "task.2.avoid")] {
+        let error = Scenario::parse(&text, &scenario, &["robot.pose=none".to_owned()]).unwrap_err().to_string();
+        assert!(error.contains("nobody knows when the robot is there") && error.contains(key), "{error}");
+    }
+}
+
+#[test]
+fn what_was_not_shown_yet_is_said_and_the_robot_explores_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let scenario = std::fs::read_to_string(package_file("scenarios/shown.toml")).unwrap();
+    let (tasks, _) = scenario.split_once("[[show]]").unwrap();
+    std::fs::write(folder.path().join("waiting.toml"), tasks).unwrap();
+    let sets: Vec<&str> = SHORT.iter().filter(|set| !set.starts_with("show")).flat_map(|set| ["--set", set]).collect();
+    let output = adagio(
+        folder.path(),
+        &[&["run", "waiting.toml", "--quiet", "--no-report", "--out", "run"], &sets[..]].concat(),
+    );
+    assert!(output.status.success(), "{}", stderr(&output));
+    let run = folder.path().join("run");
+    let told = said(&run);
+    for name in ["centre", "corner"] {
+        // Once, not with every model.
+        let of_task = told.iter().filter(|text| text.contains(&format!("{name:?} was not shown yet"))).count();
+        assert_eq!(of_task, 1, "{told:?}");
+    }
+    assert!(report(&run)["pursuits"].as_array().unwrap().iter().all(|of| of["ended"] == 0));
+}
+
+/// The gate is 2 % of the entries without, and 1.5 times the shortest way around, at the end of a run; this is a third of one.
+#[test]
+fn what_was_shown_to_be_avoided_is_driven_around() {
+    let folder = tempfile::tempdir().unwrap();
+    let scenario = package_file("scenarios/avoid.toml");
+    let short = "--seed 43 --actions 5000 --set world.texture_seed=79 --set evaluate.every=0 --set evaluate.starts=200";
+    let fixed = ["run", scenario.to_str().unwrap(), "--quiet", "--out", "run"];
+    let output = adagio(folder.path(), &[&fixed[..], &short.split(' ').collect::<Vec<_>>()].concat());
+    assert!(output.status.success(), "{}", stderr(&output));
+    let found = report(&folder.path().join("run"));
+    let (mut entries, mut without) = (0, 0);
+    for task in found["tasks"].as_array().unwrap() {
+        entries += task["avoided"]["entries"].as_u64().unwrap();
+        without += task["avoided"]["entries_without"].as_u64().unwrap();
+        assert!(task["avoided"]["detour"].as_f64().unwrap() <= 1.5, "{task}");
+        assert!(task["success"].as_f64().unwrap() >= 0.9, "{task}");
+    }
+    assert!(without >= 30 && 20 * entries <= without, "{entries} entries, {without} without");
+    // What was kept is tried with the same result.
+    let output = adagio(folder.path(), &["evaluate", "run", "--starts", "200", "--seed", "43", "--json"]);
+    let again: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(again["tasks"], found["tasks"]);
+}
+
+#[test]
+fn a_place_is_either_a_goal_or_to_be_avoided() {
+    let path = package_file("scenarios/avoid.toml");
+    let text = std::fs::read_to_string(&path).unwrap();
+    let refused = |text: &str, set: &str, expected: &str| {
+        let error = Scenario::parse(text, &path, &[set.to_owned()]).unwrap_err().to_string();
+        assert!(error.contains(expected), "{set}: {error}");
+    };
+    refused(&text, "task.0.goal=[1.6, 0.6]", "is to be avoided: it must be at least 0.3 m away");
+    refused(&text, "show.1.at=[1.5, 0.7]", "\"stain\" at [1.5, 0.6]");
+    refused(&text, "task.2.goal=[0.4, 0.9]", "task.2.goal");
+    refused(&text, "task.2.reward=1.0", "in [-1000000, -0.000001]");
+    refused(&text, "task.0.avoid=shown", "must stand behind all others");
+    refused(&text, "task.0.name=forget me", "not begin with \"forget \"");
+}
+
+/// A pad on the floor gives the reward, and that is all that the robot knows of it.
+#[test]
+fn a_reward_from_outside_is_found_again_without_a_pose() {
+    let folder = tempfile::tempdir().unwrap();
+    let scenario = std::fs::read_to_string(package_file("scenarios/shown.toml")).unwrap();
+    let (world, _) = scenario.split_once("[[task]]").unwrap();
+    let pad = "[[task]]\nname = \"charger\"\nreward = \"topic\"\ngoal = [2.4, 0.6]\nradius = 0.2\n";
+    std::fs::write(folder.path().join("pad.toml"), format!("{world}{pad}")).unwrap();
+    let short =
+        "--set robot.pose=none --actions 5000 --set policy.explore_actions=3000 --set evaluate.every=0 --seed 44";
+    let fixed = ["run", "pad.toml", "--quiet", "--no-report", "--out", "run"];
+    let output = adagio(folder.path(), &[&fixed[..], &short.split(' ').collect::<Vec<_>>()].concat());
+    assert!(output.status.success(), "{}", stderr(&output));
+    let run = folder.path().join("run");
+    assert_eq!(topics_of(&run)["/adagio/reward"], 5000);
+    let found = report(&run);
+    assert!(found["tasks"][0]["success"].as_f64().unwrap() >= 0.95, "{}", found["tasks"]);
+    let pursuits = &found["pursuits"][0];
+    assert!(pursuits["ended"].as_u64() > Some(0) && pursuits["reached"] == pursuits["ended"], "{pursuits}");
+    let output = adagio(folder.path(), &["replay", "run", "--verify", "--quiet"]);
+    assert!(output.status.success(), "{}", stderr(&output));
+}
+
 #[test]
 fn marks_are_in_the_log_and_a_replay_has_them_again() {
     let folder = tempfile::tempdir().unwrap();
-    let sets: Vec<&str> = SHORT.iter().flat_map(|set| ["--set", set]).collect();
-    let run = run_of(folder.path(), "run", &sets);
+    let run = run_of(folder.path(), "run", &short());
     let file = std::fs::File::open(run.join("run_000.mcap")).unwrap();
     let (mut marks, mut arrived) = (Vec::new(), 0);
     for record in adagio::log::LogReader::new(file, "run_000.mcap") {
@@ -151,11 +292,11 @@ fn what_cannot_be_shown_is_refused_with_the_names_that_there_are() {
     refused("show.0.at=[9.0, 9.0]", "out of reach");
     refused("task.0.goal=\"here\"", "[x, y], or \"shown\"");
     let scenario = Scenario::parse(&text, &path, &[]).unwrap();
-    for (task, kind) in [(0, MarkKind::Goal), (1, MarkKind::Forget)] {
+    for (task, kind) in [(0, MarkKind::Here), (1, MarkKind::Forget)] {
         let name = &scenario.tasks[task].name;
-        let mark = parse_mark(&mark_text(name, kind), &scenario.tasks).unwrap();
+        let mark = parse_mark(&mark_text(name, kind), &scenario).unwrap();
         assert_eq!((mark.task, mark.kind), (task, kind));
     }
-    let error = parse_mark("center", &scenario.tasks).unwrap_err();
+    let error = parse_mark("center", &scenario).unwrap_err();
     assert!(error.contains("center") && error.contains("centre, corner"), "{error}");
 }

@@ -9,8 +9,8 @@ use adagio::log::{
     LogError, LogWriter, Message, Topic, cdr,
     messages::{
         Decision, DictionaryGrowth, Evaluation, FrameTaken, GoalMoved, Header, Health, Image, LaserScan, Log,
-        ModelRequest, ModelUpdate, Odometry, PolicyUpdate, Pose, PoseStamped, PoseWithCovariance, PursuitEnded, RunEnd,
-        Text, Time, Transition, Twist, TwistStamped, TwistWithCovariance, Vector3,
+        ModelRequest, ModelUpdate, Odometry, PolicyUpdate, Pose, PoseStamped, PoseWithCovariance, PursuitEnded,
+        RewardGiven, RunEnd, Text, Time, Transition, Twist, TwistStamped, TwistWithCovariance, Vector3,
     },
     topics,
 };
@@ -47,6 +47,7 @@ pub fn write_samples<W: Write>(
         on.put(topics::FRAME, frame(header.clone(), round))?;
         on.put(topics::GOAL, goal(header.clone(), round))?;
         on.put(topics::MARK, Text { data: format!("centre {round}") })?;
+        on.put(topics::REWARD, reward(header.clone(), round))?;
         on.put(topics::PURSUIT, pursuit(header.clone(), round))?;
         on.put(topics::DECISION, decision(header.clone(), round))?;
         on.put(topics::TRANSITION, transition(header.clone(), round))?;
@@ -163,6 +164,11 @@ fn frame(header: Header, round: u32) -> FrameTaken {
 fn goal(header: Header, round: u32) -> GoalMoved {
     let task = "corner"[..round as usize % 6].into();
     GoalMoved { header, frame: u64::from(round) << 33, task, x: 0.1 * f64::from(round), y: -2.5 }
+}
+
+fn reward(header: Header, round: u32) -> RewardGiven {
+    let task = "charger"[..round as usize % 7].into();
+    RewardGiven { header, frame: u64::from(round) << 32, task, reward: 0.5 - f64::from(round) }
 }
 
 fn pursuit(header: Header, round: u32) -> PursuitEnded {

@@ -111,6 +111,8 @@ fn write_down(folder: &Path, scenario: &Scenario, frames: &[Frame], chosen: &[Ac
                 "odometry": odometry(frame, frames.get(i + 1)),
                 "scan": ring(&frame.sonar),
                 "command": command,
+                "marks": marks(frame),
+                "docked": is_docked(frame),
                 "next_action": next.filter(|_| i % per_action == 0).map(|action| action.index()),
             })
         })
@@ -119,6 +121,17 @@ fn write_down(folder: &Path, scenario: &Scenario, frames: &[Frame], chosen: &[Ac
     for (name, bytes) in [("rgb", rgb), ("jpeg", jpeg), ("png", png)] {
         std::fs::write(folder.join(name), bytes).unwrap();
     }
+}
+
+/// What somebody says who holds a button while the robot passes the middle, and once a name that nobody knows.
+fn marks(frame: &Frame) -> Vec<&'static str> {
+    let near = (frame.truth.unwrap().position - nalgebra::Point2::new(1.5, 0.9)).norm() < 0.2;
+    let unknown = frame.number == 7;
+    near.then_some("centre").into_iter().chain(unknown.then_some("center")).collect()
+}
+
+fn is_docked(frame: &Frame) -> bool {
+    (frame.truth.unwrap().position - nalgebra::Point2::new(2.4, 0.6)).norm() < 0.3
 }
 
 /// Three poses up to the next frame, none of them at a frame; the first and last frame have some beyond them.
@@ -331,4 +344,70 @@ fn every_kind_of_camera_pose_command_and_action_is_read() {
         assert_eq!((told.frames, told.ends), (1.0, 1.0), "{told:?}");
         assert!(told.blocked > 0.9, "{told:?}");
     }
+}
+
+/// No pose at all: actions as they were recorded, a place that somebody marked, and a reward that the robot's own software published.
+#[test]
+fn a_bag_without_poses_has_marks_and_rewards() {
+    let folder = tempfile::tempdir().unwrap();
+    let Some(bag) = bag(folder.path(), "/camera/image_raw,/action,/adagio/mark,/docked,/charge") else { return };
+    let (world, _) = std::fs::read_to_string(smoke())
+        .unwrap()
+        .split_once("[[task]]")
+        .map(|(a, b)| (a.to_owned(), b.to_owned()))
+        .unwrap();
+    let scenario = format!(
+        "{world}[[task]]\nname = \"centre\"\ngoal = \"shown\"\n[[task]]\nname = \"dock\"\nreward = \"topic\"\ntopic = \"/docked\"\n\
+         [[task]]\nname = \"charger\"\nreward = \"topic\"\ntopic = \"/charge\"\n"
+    );
+    let file = folder.path().join("bag.toml");
+    std::fs::write(&file, scenario).unwrap();
+    let replay = |sets: &[&str], out: &str| {
+        let fixed = ["replay", bag.to_str().unwrap(), "--scenario", file.to_str().unwrap(), "--out", out, "--quiet"];
+        let sets: Vec<&str> = sets.iter().flat_map(|set| ["--set", set]).collect();
+        adagio(folder.path(), &[&fixed[..], &["--set", "topics.action=/action"], &sets[..]].concat())
+    };
+    // A pose is missing: it says so, and what can be done.
+    let output = replay(&[], "none");
+    assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
+    assert!(stderr(&output).contains("no topic can be topics.pose"), "{}", stderr(&output));
+    let output = replay(&["robot.pose=none", "task.1.topic=/dock"], "none");
+    assert!(stderr(&output).contains("task.1.topic = \"/dock\" has no messages"), "{}", stderr(&output));
+
+    let output = replay(&["robot.pose=none"], "run");
+    assert!(output.status.success(), "{}", stderr(&output));
+    let run = folder.path().join("run");
+    let told = agreement(&run);
+    assert!(told.frames > 0.97 && told.ends > 0.95, "{told:?}");
+    let (mut marks, mut poses, mut rewards) = (0, 0, BTreeMap::<String, Vec<f64>>::new());
+    for record in LogReader::open(&run.join("run_000.mcap")).unwrap() {
+        let record = record.unwrap();
+        let Record::Message { topic, .. } = &record else { continue };
+        match &**topic {
+            "/pose" => poses += 1,
+            "/adagio/mark" => {
+                assert_eq!(record.decode::<adagio::log::messages::Text>().unwrap().data, "centre");
+                marks += 1;
+            }
+            "/adagio/reward" => {
+                let given: adagio::log::messages::RewardGiven = record.decode().unwrap();
+                rewards.entry(given.task).or_default().push(given.reward);
+            }
+            _ => {}
+        }
+    }
+    assert_eq!(poses, 0);
+    assert!(marks > 20, "{marks} marks");
+    let (dock, charger) = (&rewards["dock"], &rewards["charger"]);
+    assert_eq!(dock.len(), charger.len());
+    assert!(dock.contains(&1.0) && dock.contains(&0.0));
+    assert!(dock.iter().zip(charger).all(|(dock, charge)| *charge == if *dock == 1.0 { 0.5 } else { -0.25 }));
+    let report = report(&run);
+    assert_eq!((&report["imported"]["unknown_marks"], &report["imported"]["without_pose"]), (&json!(1), &json!(0)));
+    let unknown = report["imported"]["first_unknown_mark"].as_str().unwrap();
+    assert!(unknown.contains("\"center\" marks nothing") && unknown.contains("(centre)"), "{unknown}");
+    let page = std::fs::read_to_string(run.join("report.html")).unwrap();
+    assert!(page.contains("What was shown of centre"));
+    let verified = adagio(folder.path(), &["replay", "run", "--verify", "--quiet"]);
+    assert!(verified.status.success(), "{}{}", stdout(&verified), stderr(&verified));
 }

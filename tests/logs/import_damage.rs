@@ -276,7 +276,7 @@ fn mutated_bags_are_read_to_their_end() {
         }
         std::fs::write(&path, &bytes).unwrap();
         let begun = LogContents::of(&path, scenario.topics.stamps).and_then(|survey| {
-            let roles = survey.roles(&scenario.topics)?;
+            let roles = survey.roles(&scenario)?;
             let _ = frames_per_action(&survey, &roles, &scenario);
             Imported::open(scenario.clone(), &survey, &roles)
         });

@@ -27,7 +27,10 @@ struct Served {
 impl Served {
     /// Run the smoke scenario in `folder/name`; `arguments` come behind it.
     fn start(folder: &Path, name: &str, arguments: &[&str]) -> Self {
-        let scenario = package_file("scenarios/smoke.toml");
+        Served::start_with(&package_file("scenarios/smoke.toml"), folder, name, arguments)
+    }
+
+    fn start_with(scenario: &Path, folder: &Path, name: &str, arguments: &[&str]) -> Self {
         let mut child = Command::new(env!("CARGO_BIN_EXE_adagio"))
             .current_dir(folder)
             .args(["run", scenario.to_str().unwrap(), "--quiet", "--no-report", "--out", name])
@@ -230,6 +233,58 @@ fn a_goal_that_is_moved_by_hand_is_moved_again_by_a_replay() {
     let output = adagio(folder.path(), &["evaluate", place, "--starts", "20", "--seed", "1", "--json"]);
     let again: Value = serde_json::from_str(&stdout(&output)).unwrap();
     assert_eq!(again["tasks"], own);
+}
+
+/// A button that is held marks each frame, one that turns the robot those of one turn on the spot; a replay has the same marks.
+#[test]
+fn places_are_marked_by_hand() {
+    let folder = tempfile::tempdir().unwrap();
+    let smoke = std::fs::read_to_string(package_file("scenarios/smoke.toml")).unwrap();
+    let (world, _) = smoke.split_once("[[task]]").unwrap();
+    let tasks = "[[task]]\nname = \"home\"\ngoal = \"shown\"\n[[task]]\nname = \"stairs\"\navoid = \"shown\"\n";
+    let scenario = folder.path().join("home.toml");
+    std::fs::write(&scenario, format!("{world}{tasks}")).unwrap();
+    let arguments = ["--serve", "--actions", "1500", "--set", "agent.speed=100"];
+    let run = Served::start_with(&scenario, folder.path(), "run", &arguments);
+    run.wait_for("model", |now| now["epoch"].as_u64() > Some(0));
+    for (body, told) in [
+        (json!({"task": "hime", "how": "turn"}), "the name of a task that is shown (home, stairs)"),
+        (json!({"task": "home", "how": "twice"}), "unknown variant `twice`"),
+        (json!({"task": "forget home", "how": "hold"}), "\"how\" says it"),
+    ] {
+        let (status, answer) = run.post("/mark", &body);
+        assert!(status == 400 && answer["error"].as_str().unwrap().contains(told), "{body}: {status} {answer}");
+    }
+    let marks = |place: usize| move |now: &Value| now["shown"][place]["marks"].as_u64().unwrap();
+    assert_eq!(run.post("/mark", &json!({"task": "home", "how": "turn"})).0, 200);
+    run.wait_for("one turn", |now| marks(0)(now) >= 40 && now["marking"] == json!(null));
+    assert_eq!(run.post("/mark", &json!({"task": "stairs", "how": "hold"})).0, 200);
+    run.wait_for("marks while it is held", |now| marks(1)(now) > 5);
+    assert_eq!(run.post("/mark", &json!({"task": "stairs", "how": "release"})).0, 200);
+    // Nobody says any more that it is held.
+    assert_eq!(run.post("/mark", &json!({"task": "home", "how": "hold"})).0, 200);
+    run.wait_for("end of marks", |now| now["marking"] == json!(null) && marks(0)(now) > 40);
+    assert_eq!(run.post("/mark", &json!({"task": "stairs", "how": "forget"})).0, 200);
+    run.wait_for("nothing to avoid", |now| marks(1)(now) == 0);
+    let place = run.folder.clone();
+    run.post("/stop", &json!({}));
+    assert_eq!(run.end(), Some(0));
+    let (mut turned, mut marked, mut action) = (Vec::new(), 0, 0);
+    for record in adagio::log::LogReader::open(&place.join("run_000.mcap")).unwrap().map(Result::unwrap) {
+        let adagio::log::Record::Message { topic, .. } = &record else { continue };
+        match &**topic {
+            "/adagio/frame" => action = record.decode::<adagio::log::messages::FrameTaken>().unwrap().action,
+            "/adagio/mark" if marked < 40 => {
+                marked += 1;
+                turned.push(action);
+            }
+            _ => {}
+        }
+    }
+    // Eight turns to the left of five frames each.
+    assert_eq!(turned, vec![adagio::log::messages::Decision::TURN_LEFT; 40]);
+    let verified = adagio(folder.path(), &["replay", "run", "--verify", "--quiet"]);
+    assert!(verified.status.success(), "{}{}", stdout(&verified), stderr(&verified));
 }
 
 #[test]

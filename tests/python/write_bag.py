@@ -147,6 +147,10 @@ def messages(frame, pixels):
     at = of("geometry_msgs/PoseStamped")(header=header(stamp, "map"), pose=pose(*frame["pose"]))
     yield "/mocap", "geometry_msgs/PoseStamped", stamp, at
     yield "/scan", "sensor_msgs/LaserScan", stamp, scan(stamp, frame["scan"])
+    for name in frame["marks"]:
+        yield "/adagio/mark", "std_msgs/String", stamp, of("std_msgs/String")(data=name)
+    yield "/docked", "std_msgs/Bool", stamp, of("std_msgs/Bool")(data=frame["docked"])
+    yield "/charge", "std_msgs/Float32", stamp, of("std_msgs/Float32")(data=0.5 if frame["docked"] else -0.25)
     if frame["command"] is not None:
         told = twist(*frame["command"])
         yield "/cmd_vel", "geometry_msgs/Twist", stamp, told

@@ -185,6 +185,8 @@ fn answer(snapshot: &mut Snapshot, update: &mut Option<Update>) -> Result<(), Sn
     let mut model = update.as_ref().and_then(|update| update.learned.as_ref().ok().cloned());
     snapshot.value("asked_at", &mut asked_at)?;
     snapshot.value("transitions", &mut transitions)?;
+    let mut notes = update.as_ref().map_or(Vec::new(), |update| update.notes.clone());
+    snapshot.value("notes", &mut notes)?;
     snapshot.value("reason", &mut reason)?;
     snapshot.value("fits", &mut fits)?;
     learned(snapshot, "learned", &mut model)?;
@@ -203,7 +205,7 @@ fn answer(snapshot: &mut Snapshot, update: &mut Option<Update>) -> Result<(), Sn
             (None, Some(reason)) => Err(reason),
             _ => return snapshot.check("reason", false, "there is either a model or a reason"),
         };
-        *update = Some(Update { asked_at, learned, fits: fits.collect(), transitions });
+        *update = Some(Update { asked_at, learned, fits: fits.collect(), transitions, notes });
     }
     Ok(())
 }
@@ -214,17 +216,21 @@ struct SavedOutcomes {
     blocked: bool,
     rewards: Vec<u64>,
     in_goal: Vec<bool>,
+    #[serde(default)]
+    avoided: u64,
 }
 
 impl SavedOutcomes {
     fn of(percept: &Percept) -> Self {
-        let TaskOutcomes { rewards, in_goal, blocked } = percept.outcomes.clone();
-        SavedOutcomes { blocked, rewards: rewards.into_iter().map(f64::to_bits).collect(), in_goal }
+        let TaskOutcomes { rewards, in_goal, avoided, blocked } = percept.outcomes.clone();
+        let rewards = rewards.into_iter().map(f64::to_bits).collect();
+        SavedOutcomes { blocked, rewards, in_goal, avoided: avoided.to_bits() }
     }
 
     fn outcomes(self) -> TaskOutcomes {
         let rewards = self.rewards.into_iter().map(f64::from_bits).collect();
-        TaskOutcomes { rewards, in_goal: self.in_goal, blocked: self.blocked }
+        let avoided = f64::from_bits(self.avoided);
+        TaskOutcomes { rewards, in_goal: self.in_goal, avoided, blocked: self.blocked }
     }
 }
 
@@ -414,6 +420,10 @@ impl ActLoop<'_> {
     }
 
     fn install(&self, progress: &mut Progress, update: Update, frame: u64, stamp_ns: u64) {
+        for note in &update.notes {
+            // A closed log ends the run at the next decision.
+            let _ = self.record.diagnostic(Level::Warn, stamp_ns, note.clone());
+        }
         match &update.learned {
             Ok(learned) => {
                 progress.acting.act.install(learned.clone());

@@ -17,7 +17,7 @@ use crate::agent::runtime::clock::Clock;
 use crate::agent::runtime::queue::{Inbox, Outbox};
 use crate::agent::runtime::status::Status;
 use crate::gpu::Choice;
-use crate::policy::{GoalRegion, Learned, columns, points};
+use crate::policy::{FloorMap, GoalRegion, Learned, columns, points};
 use crate::robot::ActionSet;
 use crate::scenario::{Method, Scenario, Task};
 use crate::slow::{SlowError, SlowModel};
@@ -38,12 +38,17 @@ pub struct FitPolicies {
     par: Par,
     rows: KernelRows,
     epoch: u32,
+    /// What people were told with the model before.
+    told: Vec<String>,
 }
+
+/// The fits of all tasks; and weights that were fitted as if nothing was to be avoided, where something is.
+type Fits = (Vec<Fit>, Vec<Mat<f64>>);
 
 impl FitPolicies {
     /// A fitter for the tasks of a scenario; its results do not depend on `par`.
     pub fn new(scenario: Arc<Scenario>, par: Par) -> Self {
-        FitPolicies { rows: KernelRows::new(scenario.agent.compute), scenario, par, epoch: 0 }
+        FitPolicies { rows: KernelRows::new(scenario.agent.compute), scenario, par, epoch: 0, told: Vec::new() }
     }
 
     /// Who computes the kernel values of the window, as far as there was a choice.
@@ -57,67 +62,73 @@ impl FitPolicies {
         let fitted = request.model.and_then(|model| {
             let projected = Projection::new(&model, &request.window, &mut self.rows, self.par);
             let projected = projected.map_err(|error| error.to_string())?;
-            let shown = Shown::new(&self.scenario, &model, &projected, &request.window, &request.marks, self.par)?;
-            let (epoch, asked_at, frames) = (self.epoch + 1, request.asked_at, request.frames);
-            let weights_of = |fits: &[Fit]| fits.iter().map(|fit| fit.weights.clone()).collect();
-            let (learned, fits) = match self.scenario.value.method {
-                Method::Lspi => {
-                    let fits = self.fit(&projected, &request.window, &shown).map_err(|error| error.to_string())?;
-                    (Learned::new(epoch, asked_at, frames, model, weights_of(&fits)), fits)
-                }
+            let tried = match self.scenario.value.method {
+                Method::Lspi => None,
                 Method::Local => {
-                    let found = self.fit_locally(&model, &projected, &request.window, &shown);
-                    let (instances, fits) = found.map_err(|error| error.to_string())?;
-                    (Learned::local(epoch, asked_at, frames, model, instances, weights_of(&fits)), fits)
+                    let tried = Tried::new(&self.scenario, &model, &projected, &request.window);
+                    Some(tried.map_err(|error| error.to_string())?)
                 }
             };
-            let learned = learned.and_then(|learned| learned.for_goals(request.goals).with_regions(shown.regions));
-            Ok((Arc::new(learned.map_err(|error| error.to_string())?), fits))
+            let seen = Seen { model: &model, projected: &projected, window: &request.window, tried: tried.as_ref() };
+            let mut shown = Shown::new(&self.scenario, &seen, &request.marks, self.par)?;
+            let notes = std::mem::take(&mut shown.notes);
+            let (epoch, asked_at, frames) = (self.epoch + 1, request.asked_at, request.frames);
+            let weights_of = |fits: &[Fit]| fits.iter().map(|fit| fit.weights.clone()).collect();
+            let (learned, fits) = match tried {
+                None => {
+                    let fits = self.fit(&projected, &request.window, &shown).map_err(|error| error.to_string())?;
+                    (Learned::new(epoch, asked_at, frames, model, weights_of(&fits.0)), fits)
+                }
+                Some(tried) => {
+                    let fits = self.fit_locally(&projected, &tried, &shown).map_err(|error| error.to_string())?;
+                    (Learned::local(epoch, asked_at, frames, model, tried.instances, weights_of(&fits.0)), fits)
+                }
+            };
+            let (fits, heedless) = fits;
+            let learned = learned.and_then(|learned| {
+                learned.with_heedless(heedless).for_goals(request.goals).with_regions(shown.map, shown.regions)
+            });
+            Ok((Arc::new(learned.map_err(|error| error.to_string())?), fits, notes))
         });
-        let (learned, fits) = match fitted {
-            Err(reason) => (Err(reason), Vec::new()),
-            Ok((learned, fits)) => {
+        let (learned, fits, mut notes) = match fitted {
+            Err(reason) => (Err(reason), Vec::new(), self.told.clone()),
+            Ok((learned, fits, notes)) => {
                 self.epoch = learned.epoch;
-                (Ok(learned), fits)
+                (Ok(learned), fits, notes)
             }
         };
-        Update { asked_at: request.asked_at, learned, fits, transitions }
+        let told = std::mem::replace(&mut self.told, notes.clone());
+        notes.retain(|note| !told.contains(note));
+        Update { asked_at: request.asked_at, learned, fits, transitions, notes }
     }
 
-    /// Local values: where actions were tried, those of the first action first, and what each transition is worth.
-    fn fit_locally(
-        &self,
-        model: &SlowModel<f32>,
-        projected: &Projection,
-        window: &[TaskTransition],
-        shown: &Shown,
-    ) -> Result<(Arc<Instances>, Vec<Fit>), ValueError> {
+    /// Local values: what each transition is worth.
+    fn fit_locally(&self, projected: &Projection, tried: &Tried<'_>, shown: &Shown) -> Result<Fits, ValueError> {
         let settings = &self.scenario.value;
-        let mut sorted: Vec<&TaskTransition> = window.iter().collect();
-        sorted.sort_by_key(|t| t.action);
-        let actions = self.scenario.robot.actions();
-        let counts = actions.iter().map(|a| sorted.iter().filter(|t| t.action == a.index()).count()).collect();
-        let points = points(model, projected.phi.as_ref(), settings.metric_features);
-        let at = |place: &dyn Fn(&TaskTransition) -> u64| {
-            let places: Vec<usize> = sorted.iter().map(|t| projected.place[&place(t)]).collect();
-            Mat::from_fn(points.nrows(), places.len(), |i, j| points[(i, places[j])])
-        };
-        let options = LocalOptions { neighbours: settings.neighbours, ridge: settings.local_ridge };
-        let instances = Arc::new(Instances::new(at(&|t| t.from.frame), counts, options)?);
-        let local = Local::new(&instances, at(&|t| t.to.frame).as_ref())?;
+        let sorted = &tried.sorted;
+        let local = Local::new(&tried.instances, tried.to.as_ref())?;
         let allowed: Vec<u32> = sorted.iter().map(|t| t.allowed).collect();
-        let fit = |(number, task): (usize, &Task)| {
-            let outcomes: Vec<(f64, bool)> = sorted.iter().map(|t| shown.outcome(projected, t, number, task)).collect();
+        let fit = |(number, task): (usize, &Task), heeds: bool| {
+            let outcome = |t: &&TaskTransition| shown.outcome(projected, t, number, task, heeds);
+            let outcomes: Vec<(f64, bool)> = sorted.iter().map(outcome).collect();
             let rewards: Vec<f64> = outcomes.iter().map(|outcome| outcome.0).collect();
             let ended: Vec<bool> = outcomes.iter().map(|outcome| task.absorbing && outcome.1).collect();
             local.fit(&LocalOutcomes { rewards: &rewards, allowed: &allowed, ended: &ended }, settings.gamma)
         };
-        let fits: Result<Vec<Fit>, ValueError> = self.scenario.tasks.iter().enumerate().map(fit).collect();
-        fits.map(|fits| (instances.clone(), fits))
+        let tasks = || self.scenario.tasks.iter().enumerate();
+        let fits: Result<Vec<Fit>, ValueError> = tasks().map(|task| fit(task, true)).collect();
+        let heedless: Result<Vec<Mat<f64>>, ValueError> =
+            self.heedless().map(|task| Ok(fit(task, false)?.weights)).collect();
+        Ok((fits?, heedless?))
+    }
+
+    /// The tasks whose values are fitted a second time, as if nothing was to be avoided: all where something is.
+    fn heedless(&self) -> impl Iterator<Item = (usize, &Task)> {
+        self.scenario.tasks.iter().enumerate().filter(|_| !self.scenario.avoids.is_empty())
     }
 
     /// Linear values, by least-squares policy iteration.
-    fn fit(&self, projected: &Projection, window: &[TaskTransition], shown: &Shown) -> Result<Vec<Fit>, ValueError> {
+    fn fit(&self, projected: &Projection, window: &[TaskTransition], shown: &Shown) -> Result<Fits, ValueError> {
         let settings = &self.scenario.value;
         let from: Vec<usize> = window.iter().map(|t| projected.place[&t.from.frame]).collect();
         let to: Vec<usize> = window.iter().map(|t| projected.place[&t.to.frame]).collect();
@@ -137,8 +148,9 @@ impl FitPolicies {
             ..LspiOptions::plain()
         };
         let allowed: Vec<u32> = window.iter().map(|t| t.allowed).collect();
-        let fit = |(number, task): (usize, &Task)| {
-            let came_to: Vec<(f64, bool)> = window.iter().map(|t| shown.outcome(projected, t, number, task)).collect();
+        let fit = |(number, task): (usize, &Task), heeds: bool| {
+            let outcome = |t: &TaskTransition| shown.outcome(projected, t, number, task, heeds);
+            let came_to: Vec<(f64, bool)> = window.iter().map(outcome).collect();
             let rewards: Vec<f64> = came_to.iter().map(|outcome| outcome.0).collect();
             let outcomes = Outcomes { next: next.as_ref(), rewards: &rewards, allowed: Some(&allowed) };
             if !task.absorbing {
@@ -152,23 +164,26 @@ impl FitPolicies {
         };
         let tasks = &self.scenario.tasks;
         // The first feature is constant: Q-values of an action that was never tried are −∞, and no policy takes it.
-        let fit = |task: (usize, &Task)| {
-            fit(task).map(|mut fit| {
+        let fit = |task: (usize, &Task), heeds: bool| {
+            fit(task, heeds).map(|mut fit| {
                 fit.untried.iter().for_each(|&action| fit.weights[(0, action)] = f64::NEG_INFINITY);
                 fit
             })
         };
         let fits: Vec<Result<Fit, ValueError>> = match self.par {
-            Par::Seq => tasks.iter().enumerate().map(fit).collect(),
-            _ => tasks.par_iter().enumerate().map(fit).collect(),
+            Par::Seq => tasks.iter().enumerate().map(|task| fit(task, true)).collect(),
+            _ => tasks.par_iter().enumerate().map(|task| fit(task, true)).collect(),
         };
-        fits.into_iter().collect()
+        let heedless: Result<Vec<Mat<f64>>, ValueError> =
+            self.heedless().map(|task| Ok(fit(task, false)?.weights)).collect();
+        Ok((fits.into_iter().collect::<Result<_, _>>()?, heedless?))
     }
 }
 
 impl Persist for FitPolicies {
     fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
-        snapshot.value("epoch", &mut self.epoch)
+        snapshot.value("epoch", &mut self.epoch)?;
+        snapshot.value("told", &mut self.told)
     }
 }
 
@@ -211,70 +226,176 @@ impl FitLoop<'_> {
     }
 }
 
-/// What counts as being at the goals that were shown.
-struct Shown {
-    /// By task; `None` where none was shown. Empty without tasks of this kind.
-    regions: Vec<Option<GoalRegion>>,
-    /// By task, whether each observation of the window lies there.
-    there: Vec<Vec<bool>>,
+/// Where actions were tried, those of the first action first.
+struct Tried<'a> {
+    sorted: Vec<&'a TaskTransition>,
+    instances: Arc<Instances>,
+    /// Where they led, `p × N`.
+    to: Mat<f32>,
 }
 
-/// Of states that are farther from all marks than this, the places are not kept, lengths of a move.
-const KEPT: f64 = 5.0;
-
-impl Shown {
+impl<'a> Tried<'a> {
     fn new(
         scenario: &Scenario,
         model: &SlowModel<f32>,
         projected: &Projection,
-        window: &[TaskTransition],
-        marks: &[Marked],
-        par: Par,
-    ) -> Result<Self, String> {
-        let mut shown = Shown { regions: Vec::new(), there: Vec::new() };
-        if !scenario.tasks.iter().any(Task::is_shown) {
+        window: &'a [TaskTransition],
+    ) -> Result<Self, ValueError> {
+        let mut sorted: Vec<&TaskTransition> = window.iter().collect();
+        sorted.sort_by_key(|t| t.action);
+        let actions = scenario.robot.actions();
+        let counts = actions.iter().map(|a| sorted.iter().filter(|t| t.action == a.index()).count()).collect();
+        let points = points(model, projected.phi.as_ref(), scenario.value.metric_features);
+        let at = |place: &dyn Fn(&TaskTransition) -> u64| {
+            let places: Vec<usize> = sorted.iter().map(|t| projected.place[&place(t)]).collect();
+            Mat::from_fn(points.nrows(), places.len(), |i, j| points[(i, places[j])])
+        };
+        let instances = Arc::new(Instances::new(at(&|t| t.from.frame), counts, local_options(scenario))?);
+        let to = at(&|t| t.to.frame);
+        Ok(Tried { sorted, instances, to })
+    }
+}
+
+fn local_options(scenario: &Scenario) -> LocalOptions {
+    LocalOptions { neighbours: scenario.value.neighbours, ridge: scenario.value.local_ridge }
+}
+
+/// What the window holds, by a model.
+struct Seen<'a> {
+    model: &'a SlowModel<f32>,
+    projected: &'a Projection,
+    window: &'a [TaskTransition],
+    /// Of local values.
+    tried: Option<&'a Tried<'a>>,
+}
+
+/// What counts as being at the places that were shown.
+struct Shown {
+    map: Option<FloorMap>,
+    /// By the number of the task, or of what is to be avoided; `None` where none was shown. Empty where nothing is shown.
+    regions: Vec<Option<GoalRegion>>,
+    /// The same, how deep inside each observation of the window lies; 0 is outside.
+    depth: Vec<Vec<f64>>,
+    /// By observation of the window, the reward of what was shown to be avoided.
+    avoided: Vec<f64>,
+    /// What a person should know.
+    notes: Vec<String>,
+}
+
+impl Shown {
+    fn new(scenario: &Scenario, seen: &Seen<'_>, marks: &[Marked], par: Par) -> Result<Self, String> {
+        let &Seen { model, projected, window, tried } = seen;
+        let (map, regions, depth) = (None, Vec::new(), Vec::new());
+        let mut shown = Shown { map, regions, depth, avoided: vec![0.0; projected.phi.ncols()], notes: Vec::new() };
+        if !scenario.shows_any() {
             return Ok(shown);
         }
         let text = |error: ValueError| error.to_string();
-        let options = LocalOptions { neighbours: scenario.value.neighbours, ridge: scenario.value.local_ridge };
         let all = points(model, projected.phi.as_ref(), scenario.value.metric_features);
-        let unit = scenario.robot.forward;
-        let map = match marks.is_empty() {
+        let known = match marks.is_empty() {
             true => None,
             false => {
                 let steps = projected.steps(&scenario.robot.actions(), window);
-                MetricMap::new(projected.phi.as_ref(), all.as_ref(), &steps, options).map_err(text)?
+                let map = MetricMap::new(projected.phi.as_ref(), all.as_ref(), &steps, local_options(scenario));
+                map.map_err(text)?
             }
         };
-        let place = |map: &MetricMap, axis: usize, j: usize| map.positions()[j][axis] / unit;
-        for (number, task) in scenario.tasks.iter().enumerate() {
+        // What a map misses must not let the robot arrive too early, nor come too near.
+        let missed = known.as_ref().map_or(0.0, |known| known.error().powi(2));
+        let surely = |number: usize, within: f64| match number < scenario.tasks.len() {
+            true => (within * within - missed).max(within * within / 4.0).sqrt(),
+            false => (within * within + missed).sqrt(),
+        };
+        // In lengths of a move.
+        let places = known
+            .map(|known| Mat::from_fn(2, all.ncols(), |axis, j| known.positions()[j][axis] / scenario.robot.forward));
+        if let Some(places) = &places {
+            let map = match tried {
+                Some(tried) => {
+                    let of: Vec<usize> = tried.sorted.iter().map(|t| projected.place[&t.from.frame]).collect();
+                    let places = Mat::from_fn(2, of.len(), |axis, j| places[(axis, of[j])]);
+                    FloorMap::new(tried.instances.clone(), places.as_ref())
+                }
+                None => Instances::new(all.clone(), vec![all.ncols()], local_options(scenario))
+                    .and_then(|states| FloorMap::new(Arc::new(states), places.as_ref())),
+            };
+            shown.map = Some(map.map_err(text)?);
+        }
+        let at = |of: &dyn Fn(&TaskTransition) -> u64| {
+            let places: Vec<usize> = window.iter().map(|t| projected.place[&of(t)]).collect();
+            Mat::from_fn(all.nrows(), places.len(), |i, j| all[(i, places[j])])
+        };
+        let changes = [at(&|t| t.from.frame), at(&|t| t.to.frame)];
+        let within = scenario.tasks.iter().map(|task| task.within);
+        let within = within.chain(scenario.avoids.iter().map(|avoid| avoid.within));
+        for ((number, within), name) in within.enumerate().zip(scenario.names()) {
             let of_task: Vec<&Observation> =
                 marks.iter().filter(|mark| mark.task == number).map(|mark| mark.observation.as_ref()).collect();
-            let region = match (task.within.filter(|_| !of_task.is_empty()), &map) {
+            if within.is_some() && of_task.is_empty() {
+                let until = if number < scenario.tasks.len() { "pursued" } else { "avoided" };
+                shown.notes.push(format!("{name:?} was not shown yet: it is not {until} until something marks it"));
+            } else if within.is_some() && places.is_none() {
+                shown.notes.push(format!(
+                    "{name:?} was shown, and the robot has moved and turned too little to know how near that is: it explores on"
+                ));
+            }
+            let region = match (within.filter(|_| !of_task.is_empty()), &shown.map) {
                 (Some(within), Some(map)) => {
                     let x = columns(of_task.into_iter());
                     let phi = model.apply(x.as_ref(), par).map_err(|error| error.to_string())?;
                     let marks = points(model, phi.as_ref(), scenario.value.metric_features);
-                    let places = Mat::from_fn(2, all.ncols(), |axis, j| place(map, axis, j));
-                    let region = GoalRegion::new(all.clone(), places.as_ref(), marks, within, options);
-                    Some(region.and_then(|region| region.near(KEPT)).map_err(text)?)
+                    let changes = changes.each_ref().map(Mat::as_ref);
+                    Some(GoalRegion::new(map, marks, surely(number, within), changes).map_err(text)?)
                 }
                 _ => None,
             };
-            shown.there.push(region.as_ref().map_or(Vec::new(), |region| region.holds(all.as_ref())));
+            let depth = region.as_ref().zip(places.as_ref()).map(|(region, places)| {
+                (0..all.ncols()).map(|j| region.depth(all.col(j), [places[(0, j)], places[(1, j)]])).collect()
+            });
+            shown.depth.push(depth.unwrap_or_default());
             shown.regions.push(region);
         }
+        shown.avoid(scenario);
         Ok(shown)
     }
 
-    /// The reward of a transition for a task, and whether it ended in the goal.
-    fn outcome(&self, projected: &Projection, t: &TaskTransition, number: usize, task: &Task) -> (f64, bool) {
-        if !task.is_shown() {
-            return (t.result.rewards[number], t.result.in_goal[number]);
+    /// Count what is to be avoided, and note where a goal lies in it.
+    fn avoid(&mut self, scenario: &Scenario) {
+        let (goals, avoided) = self.regions.split_at(scenario.tasks.len());
+        for (place, (avoid, region)) in scenario.avoids.iter().zip(avoided).enumerate() {
+            let depth = &self.depth[goals.len() + place];
+            self.avoided.iter_mut().zip(depth).for_each(|(sum, &depth)| *sum += avoid.reward_at(depth));
+            for (goal, task) in goals.iter().zip(&scenario.tasks) {
+                let (Some(goal), Some(region)) = (goal, region) else { continue };
+                let inside = (0..goal.marks().ncols())
+                    .filter(|&k| region.holds(goal.marks().col(k), [goal.marked()[(0, k)], goal.marked()[(1, k)]]));
+                let inside = inside.count();
+                if 2 * inside > goal.marks().ncols() {
+                    let (goal, avoided) = (&task.name, &avoid.name);
+                    self.notes
+                        .push(format!("{goal:?} was shown where {avoided:?} is to be avoided: forget one of them"));
+                }
+            }
         }
-        let there = self.there.get(number).and_then(|there| there.get(projected.place[&t.to.frame]));
-        let there = there.copied().unwrap_or(false);
-        (if there { task.reward } else { 0.0 }, there)
+    }
+
+    /// The reward of a transition for a task, and whether it ended in the goal. `heeds`: what is to be avoided counts.
+    fn outcome(
+        &self,
+        projected: &Projection,
+        t: &TaskTransition,
+        number: usize,
+        task: &Task,
+        heeds: bool,
+    ) -> (f64, bool) {
+        let to = projected.place[&t.to.frame];
+        let there = || self.depth.get(number).and_then(|depth| depth.get(to)).is_some_and(|&depth| depth > 0.0);
+        let (reward, there) = match task.is_shown() {
+            false => (t.result.rewards[number], t.result.in_goal[number]),
+            true if there() => (task.reward, true),
+            true => (0.0, false),
+        };
+        (if heeds { reward + t.result.avoided + self.avoided[to] } else { reward }, there)
     }
 }
 

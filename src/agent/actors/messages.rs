@@ -25,6 +25,8 @@ pub struct TaskOutcomes {
     pub rewards: Vec<f64>,
     /// Whether the robot is in each task's goal area.
     pub in_goal: Vec<bool>,
+    /// Reward of the areas to be avoided that the action ended in, for each task; 0 in none. What is shown is not among them.
+    pub avoided: f64,
     /// Whether a wall stopped the robot.
     pub blocked: bool,
 }
@@ -47,10 +49,10 @@ pub struct Percept {
 /// A transition of the window, judged by where the goals are.
 pub type TaskTransition = Transition<Arc<Observation>, TaskOutcomes>;
 
-/// An observation that somebody marked as the goal of a task.
+/// An observation that somebody marked as the goal of a task, or as to be avoided.
 #[derive(Debug, Clone)]
 pub struct Marked {
-    /// Number of the task.
+    /// Its number, see [`Scenario::names`](crate::scenario::Scenario::names).
     pub task: usize,
     pub observation: Arc<Observation>,
     /// Where it was seen, metres, where that is known: for plots and evaluation alone.
@@ -93,6 +95,8 @@ pub struct Update {
     pub fits: Vec<Fit>,
     /// Transitions it was made of.
     pub transitions: usize,
+    /// What a person should know of it, and was not told yet.
+    pub notes: Vec<String>,
 }
 
 /// What was decided, and why.

@@ -130,6 +130,11 @@ impl Recorder {
             ..Default::default()
         };
         self.write(topics::SONAR, number, stamp, sonar)?;
+        for (task, &reward) in self.scenario.tasks.iter().zip(&frame.rewards).filter(|(task, _)| task.topic.is_some()) {
+            let task = task.name.clone();
+            let given = msg::RewardGiven { header: header("base_link"), frame: number, task, reward };
+            self.write(topics::REWARD, number, stamp, given)?;
+        }
         let taken = msg::FrameTaken {
             header: header("camera"),
             frame: number,
@@ -153,7 +158,7 @@ impl Recorder {
     /// What was marked with a frame, as robots say it: the task's name, on its own the goal.
     pub fn marks(&self, marks: &[Mark], frame: u64, stamp_ns: u64) -> Result<(), Closed> {
         for mark in marks {
-            let data = mark_text(&self.scenario.tasks[mark.task].name, mark.kind);
+            let data = mark_text(self.scenario.names().nth(mark.task).unwrap_or_default(), mark.kind);
             self.write(topics::MARK, frame, stamp_ns, msg::Text { data })?;
         }
         Ok(())
@@ -192,7 +197,7 @@ impl Recorder {
             action: action.index() as u8,
             blocked: percept.outcomes.blocked,
             tasks: self.scenario.tasks.iter().map(|task| task.name.clone()).collect(),
-            rewards: percept.outcomes.rewards.clone(),
+            rewards: percept.outcomes.rewards.iter().map(|reward| reward + percept.outcomes.avoided).collect(),
         };
         self.write(topics::TRANSITION, percept.observation.frame, percept.stamp_ns, message)
     }

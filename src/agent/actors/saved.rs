@@ -6,7 +6,7 @@ use faer::Mat;
 use nalgebra::Point2;
 
 use crate::kernel::Kernel;
-use crate::policy::{GoalRegion, Learned, Recent};
+use crate::policy::{FloorMap, GoalRegion, Learned, Recent};
 use crate::robot::{Action, MOST_ACTIONS};
 use crate::slow::{Link, SlowModel};
 use crate::snapshot::{Snapshot, SnapshotError};
@@ -33,8 +33,17 @@ pub fn learned(snapshot: &mut Snapshot, name: &str, learned: &mut Option<Arc<Lea
                 weights.push(of_task);
             }
         }
+        let mut heedless: Vec<Mat<f64>> = of.map_or(Vec::new(), |of| of.heedless.clone());
+        let mut count = heedless.len();
+        snapshot.value("heedless", &mut count)?;
+        heedless.resize_with(count, Mat::new);
+        for (task, of_task) in heedless.iter_mut().enumerate() {
+            snapshot.matrix(&format!("heedless.{task}"), of_task, |rows, columns| (rows, columns))?;
+        }
         let mut instances = of.and_then(|of| of.instances.clone());
         places(snapshot, &mut instances)?;
+        let mut map = of.and_then(|of| of.map.clone());
+        floor_map(snapshot, &mut map, instances.as_ref())?;
         let mut regions = of.map_or(Vec::new(), |of| of.regions.clone());
         goal_regions(snapshot, &mut regions)?;
         if let Some(model) = model.filter(|_| snapshot.is_restoring()) {
@@ -43,36 +52,58 @@ pub fn learned(snapshot: &mut Snapshot, name: &str, learned: &mut Option<Arc<Lea
                 Some(instances) => Learned::local(epoch, asked_at, frames, model, instances, weights),
             };
             let goal = |bits: [u64; 2]| Some(bits.map(f64::from_bits)).filter(|goal| !goal[0].is_nan());
+            let restored = restored.map(|learned| learned.with_heedless(heedless));
             let restored = restored.map(|learned| learned.for_goals(goals.into_iter().map(goal).collect()));
-            let restored = restored.and_then(|learned| learned.with_regions(regions));
+            let restored = restored.and_then(|learned| learned.with_regions(map, regions));
             *learned = Some(Arc::new(restored.map_err(|cause| wrong("learned", cause))?));
         }
         Ok(())
     })
 }
 
-/// What counts as being at goals that were shown; nothing is saved without such tasks.
+/// Where states lie on the floor, those of local values or others.
+fn floor_map(
+    snapshot: &mut Snapshot,
+    map: &mut Option<FloorMap>,
+    of_values: Option<&Arc<Instances>>,
+) -> Result<(), SnapshotError> {
+    snapshot.scope("map", |snapshot| {
+        let mut there = map.is_some();
+        snapshot.value("there", &mut there)?;
+        if !there {
+            return Ok(());
+        }
+        let mut coordinates = map.as_ref().map_or(Mat::new(), FloorMap::places);
+        snapshot.matrix("places", &mut coordinates, |rows, columns| (rows, columns))?;
+        let mut states = of_values.or(map.as_ref().map(FloorMap::instances)).cloned();
+        if of_values.is_none() {
+            places(snapshot, &mut states)?;
+        }
+        if let Some(states) = states.filter(|_| snapshot.is_restoring()) {
+            *map = Some(FloorMap::new(states, coordinates.as_ref()).map_err(|cause| wrong("map", cause))?);
+        }
+        Ok(())
+    })
+}
+
+/// What counts as being at places that were shown.
 fn goal_regions(snapshot: &mut Snapshot, regions: &mut Vec<Option<GoalRegion>>) -> Result<(), SnapshotError> {
-    let head = |region: &GoalRegion| {
-        (region.within().to_bits(), region.options().neighbours, region.options().ridge.to_bits())
-    };
-    let mut heads: Vec<Option<(u64, usize, u64)>> = regions.iter().map(|region| region.as_ref().map(head)).collect();
+    let head = |region: &GoalRegion| [region.within(), region.unlike()].map(f64::to_bits);
+    let mut heads: Vec<Option<[u64; 2]>> = regions.iter().map(|region| region.as_ref().map(head)).collect();
     snapshot.value("regions", &mut heads)?;
     for (task, head) in heads.into_iter().enumerate() {
         let of = regions.get(task).and_then(Option::as_ref);
         let mut marks = of.map_or(Mat::new(), |of| of.marks().to_owned());
-        let mut states = of.map_or(Mat::new(), |of| of.states().to_owned());
-        let mut places = of.map_or(Mat::new(), GoalRegion::places);
+        let mut marked = of.map_or(Mat::new(), |of| of.marked().to_owned());
         if head.is_some() {
             let room = |rows: usize, columns: usize| (rows, columns);
             snapshot.matrix(&format!("region.{task}.marks"), &mut marks, room)?;
-            snapshot.matrix(&format!("region.{task}.states"), &mut states, room)?;
-            snapshot.matrix(&format!("region.{task}.places"), &mut places, room)?;
+            snapshot.matrix(&format!("region.{task}.marked"), &mut marked, room)?;
         }
         if snapshot.is_restoring() {
-            let region = head.map(|(within, neighbours, ridge)| {
-                let options = LocalOptions { neighbours, ridge: f64::from_bits(ridge) };
-                GoalRegion::new(states, places.as_ref(), marks, f64::from_bits(within), options)
+            let region = head.map(|bits| {
+                let [within, unlike] = bits.map(f64::from_bits);
+                GoalRegion::from_parts(marks, marked, within, unlike)
             });
             regions.push(region.transpose().map_err(|cause| wrong("regions", cause))?);
         }

@@ -36,9 +36,12 @@ impl SourceLoop<'_> {
         let (mut first_ns, mut next) = (None, None);
         let begin = Instant::now();
         let mut give = |mut frame: Frame| {
-            // The last frame of an action is never dropped.
-            if let (Some(controls), Some(_)) = (self.controls, frame.boundary) {
-                frame.moved.extend(controls.take_moves());
+            if let Some(controls) = self.controls {
+                frame.marks.extend(controls.take_marks(frame.boundary.is_some()));
+                // The last frame of an action is never dropped.
+                if frame.boundary.is_some() {
+                    frame.moved.extend(controls.take_moves());
+                }
             }
             let first_ns = *first_ns.get_or_insert(frame.stamp_ns);
             if let Some(speed) = self.speed {
@@ -78,6 +81,7 @@ impl SourceLoop<'_> {
                     continue;
                 }
             };
+            let action = self.controls.map_or(action, |controls| controls.instead_of(action));
             let mut open = true;
             let more = source.execute(action, &mut |frame| {
                 open = give(frame);

@@ -2,7 +2,7 @@
 //!
 //! Tensors: `members` (m × d, f32), `projection` (k × m), `offset` (k), `slowness` (k), `weights.T` (3 × (k + 1)) for each task
 //! T, all f64 and row by row. Local values have `instances` (N × p, f32), the points where actions were tried, in place of features,
-//! and `weights.T` (1 × N) says what each is worth. The metadata has the complete scenario, so the file alone is enough to
+//! and `weights.T` (1 × N) says what each is worth. Where something is to be avoided, `heedless.T` has the values without that. The metadata has the complete scenario, so the file alone is enough to
 //! evaluate.
 
 use std::borrow::Cow;
@@ -19,7 +19,7 @@ use thiserror::Error;
 
 use super::marker::Marker;
 use crate::kernel::Kernel;
-use crate::policy::{GoalRegion, Learned};
+use crate::policy::{FloorMap, GoalRegion, Learned};
 use crate::scenario::{Scenario, ScenarioError, hex};
 use crate::slow::SlowModel;
 use crate::snapshot::{Matrix, Snapshot, Values};
@@ -73,18 +73,26 @@ pub fn checkpoint_bytes(learned: &Learned, scenario: &Scenario) -> Result<Vec<u8
     for (task, weights) in learned.weights.iter().enumerate() {
         tensors.push(matrix(&format!("weights.{task}"), weights.as_ref()));
     }
+    for (task, weights) in learned.heedless.iter().enumerate() {
+        tensors.push(matrix(&format!("heedless.{task}"), weights.as_ref()));
+    }
     let mut counts: &[usize] = &[];
     if let Some(instances) = &learned.instances {
         counts = instances.counts();
         tensors.push(points("instances", instances.points()));
     }
-    let mut within: Vec<Option<f64>> = Vec::new();
+    if let Some(map) = &learned.map {
+        tensors.push(matrix("map.places", map.places().as_ref()));
+        if learned.instances.is_none() {
+            tensors.push(points("map.states", map.instances().points()));
+        }
+    }
+    let mut within: Vec<Option<[u64; 2]>> = Vec::new();
     for (task, region) in learned.regions.iter().enumerate() {
-        within.push(region.as_ref().map(GoalRegion::within));
+        within.push(region.as_ref().map(|region| [region.within(), region.unlike()].map(f64::to_bits)));
         let Some(region) = region else { continue };
         tensors.push(points(&format!("region.{task}.marks"), region.marks()));
-        tensors.push(points(&format!("region.{task}.states"), region.states()));
-        tensors.push(matrix(&format!("region.{task}.places"), region.places().as_ref()));
+        tensors.push(matrix(&format!("region.{task}.marked"), region.marked()));
     }
     let entries = BTreeMap::from([
         ("scenario".to_owned(), scenario.text.clone()),
@@ -97,7 +105,7 @@ pub fn checkpoint_bytes(learned: &Learned, scenario: &Scenario) -> Result<Vec<u8
         ("digest".to_owned(), learned.digest()),
         ("goals".to_owned(), serde_json::to_string(&learned.goals).map_err(damaged)?),
         ("instances".to_owned(), serde_json::to_string(counts).map_err(damaged)?),
-        ("within".to_owned(), serde_json::to_string(&within).map_err(damaged)?),
+        ("region_bits".to_owned(), serde_json::to_string(&within).map_err(damaged)?),
     ]);
     // One entry: the format keeps several in no fixed order, and equal runs write equal bytes.
     let metadata = HashMap::from([(METADATA.to_owned(), serde_json::to_string(&entries).map_err(damaged)?)]);
@@ -179,26 +187,32 @@ pub fn read_checkpoint(bytes: &[u8], path: &Path) -> Result<(Learned, Scenario),
     let counts = metadata.get("instances").map(|text| serde_json::from_str::<Vec<usize>>(text));
     let counts = counts.transpose().map_err(|e| damaged(format!("instances: {e}")))?.unwrap_or_default();
     let options = LocalOptions { neighbours: scenario.value.neighbours, ridge: scenario.value.local_ridge };
+    let single = |name: &str| {
+        let of = read_matrix(name)?;
+        Ok::<_, CheckpointError>(Mat::from_fn(of.nrows(), of.ncols(), |i, j| of[(i, j)] as f32))
+    };
     let instances = if counts.is_empty() {
         None
     } else {
-        let points = read_matrix("instances")?;
-        let points = Mat::from_fn(points.nrows(), points.ncols(), |i, j| points[(i, j)] as f32);
-        Some(Arc::new(Instances::new(points, counts, options).map_err(damaged)?))
+        Some(Arc::new(Instances::new(single("instances")?, counts, options).map_err(damaged)?))
     };
     let actions = scenario.robot.actions().len();
     if let Some(found) = instances.as_ref().map(|instances| instances.counts().len()).filter(|&found| found != actions)
     {
         return Err(damaged(format!("its transitions are of {found} actions, and the robot has {actions}")));
     }
-    let mut weights = Vec::new();
-    for task in 0..scenario.tasks.len() {
-        let of_task = read_matrix(&format!("weights.{task}"))?;
+    let weights_of = |name: String| {
+        let of_task = read_matrix(&name)?;
         if instances.is_none() && (of_task.nrows() != k + 1 || of_task.ncols() != actions) {
-            return Err(damaged(format!("weights.{task} has a shape that does not fit {k} features")));
+            return Err(damaged(format!("{name} has a shape that does not fit {k} features")));
         }
-        weights.push(of_task);
-    }
+        Ok(of_task)
+    };
+    let tasks = 0..scenario.tasks.len();
+    let weights = tasks.clone().map(|task| weights_of(format!("weights.{task}"))).collect::<Result<Vec<_>, _>>()?;
+    let heedless = tasks.filter(|_| !scenario.avoids.is_empty()).map(|task| weights_of(format!("heedless.{task}")));
+    let heedless = heedless.collect::<Result<Vec<_>, _>>()?;
+    let places = scenario.names().count();
     let values = 3 * scenario.vision.width * scenario.vision.height;
     if members.nrows() != values {
         let found = members.nrows();
@@ -211,36 +225,45 @@ pub fn read_checkpoint(bytes: &[u8], path: &Path) -> Result<(Learned, Scenario),
     // Tasks do not move in the checkpoints of earlier versions.
     let goals = metadata.get("goals").map(|text| serde_json::from_str::<Vec<Option<[f64; 2]>>>(text));
     let goals = goals.transpose().map_err(|e| damaged(format!("goals: {e}")))?.unwrap_or_default();
-    if !goals.is_empty() && goals.len() != scenario.tasks.len() {
-        return Err(damaged(format!("it has {} goals for {} tasks", goals.len(), scenario.tasks.len())));
+    if !goals.is_empty() && goals.len() != places {
+        return Err(damaged(format!("it has {} goals for {places} tasks", goals.len())));
     }
     let learned = match instances {
         None => Learned::new(epoch, asked_at, frames, model, weights),
         Some(instances) => Learned::local(epoch, asked_at, frames, model, instances, weights),
     };
     // No goals are shown in the checkpoints of earlier versions.
-    let within = metadata.get("within").map(|text| serde_json::from_str::<Vec<Option<f64>>>(text));
-    let within = within.transpose().map_err(|e| damaged(format!("within: {e}")))?.unwrap_or_default();
-    if !within.is_empty() && within.len() != scenario.tasks.len() {
-        return Err(damaged(format!(
-            "it has {} goals that were shown for {} tasks",
-            within.len(),
-            scenario.tasks.len()
-        )));
+    let within = metadata.get("region_bits").map(|text| serde_json::from_str::<Vec<Option<[u64; 2]>>>(text));
+    let within = within.transpose().map_err(|e| damaged(format!("region_bits: {e}")))?.unwrap_or_default();
+    if !within.is_empty() && within.len() != places {
+        return Err(damaged(format!("it has {} places that were shown for {places} tasks", within.len())));
     }
     let mut regions = Vec::new();
-    for (task, within) in within.into_iter().enumerate() {
-        let region = within.map(|within| {
-            let single = |name: &str| {
-                let of = read_matrix(&format!("region.{task}.{name}"))?;
-                Ok::<_, CheckpointError>(Mat::from_fn(of.nrows(), of.ncols(), |i, j| of[(i, j)] as f32))
-            };
-            let places = read_matrix(&format!("region.{task}.places"))?;
-            GoalRegion::new(single("states")?, places.as_ref(), single("marks")?, within, options).map_err(damaged)
+    for (task, bits) in within.into_iter().enumerate() {
+        let region = bits.map(|bits| {
+            let [within, unlike] = bits.map(f64::from_bits);
+            let marked = read_matrix(&format!("region.{task}.marked"))?;
+            let marks = single(&format!("region.{task}.marks"))?;
+            GoalRegion::from_parts(marks, marked, within, unlike).map_err(damaged)
         });
         regions.push(region.transpose()?);
     }
-    let learned = learned.map_err(damaged)?.for_goals(goals).with_regions(regions).map_err(damaged)?;
+    let map = match tensors.names().contains(&"map.places") {
+        false => None,
+        true => {
+            let states = match &learned.as_ref().ok().and_then(|learned| learned.instances.clone()) {
+                Some(instances) => instances.clone(),
+                None => {
+                    let states = single("map.states")?;
+                    let count = states.ncols();
+                    Arc::new(Instances::new(states, vec![count], options).map_err(damaged)?)
+                }
+            };
+            Some(FloorMap::new(states, read_matrix("map.places")?.as_ref()).map_err(damaged)?)
+        }
+    };
+    let learned = learned.map_err(damaged)?.with_heedless(heedless).for_goals(goals);
+    let learned = learned.with_regions(map, regions).map_err(damaged)?;
     if learned.digest() != *entry("digest")? {
         return Err(damaged("its digest is not that of its content"));
     }

@@ -1,4 +1,4 @@
-//! What a person who watches a run asks of it: to pause, and to move a goal.
+//! What a person who watches a run asks of it: to pause, to move a goal, and that it is at a place that is to be shown.
 //!
 //! The run looks at this once per action, and waits for nobody but while it is paused. That a run is to end is said by
 //! [`RunOptions::stop`](crate::agent::RunOptions::stop), as for the first Ctrl-C; it ends a pause, too.
@@ -10,7 +10,8 @@ use std::time::{Duration, Instant};
 
 use thiserror::Error;
 
-use crate::source::GoalMove;
+use crate::robot::Action;
+use crate::source::{GoalMove, Mark, MarkKind};
 
 /// Moves of goals that may wait: a person makes one at a time.
 const MOST_MOVES: usize = 16;
@@ -18,10 +19,26 @@ const MOST_MOVES: usize = 16;
 /// Time between looks at whether a run that is paused is to end: nobody wakes it for that.
 const LOOK_INTERVAL: Duration = Duration::from_millis(20);
 
+/// Frames are marked for so long after a button was last said to be held: whoever holds it may be gone.
+const HELD: Duration = Duration::from_millis(1500);
+
 /// More moves of goals wait than the run keeps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 #[error("{MOST_MOVES} moves of goals wait already: try again when the run has taken them")]
 pub struct TooMany;
+
+/// How somebody marks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Marking {
+    /// Each frame from now on; to be said again at least once a second.
+    Hold,
+    /// No more frames.
+    Release,
+    /// Each frame of so many turns to the left, which the robot does in place of what it decides.
+    Turn(usize),
+    /// What was marked so far does not count any more.
+    Forget,
+}
 
 /// What is asked of a run, shared between it and whoever asks.
 #[derive(Debug, Default)]
@@ -39,6 +56,14 @@ struct State {
     /// Length of all pauses that are over.
     over: Duration,
     moves: VecDeque<GoalMove>,
+    /// What is being marked, and until when.
+    held: Option<(usize, Instant)>,
+    /// What is to be marked by turns, and how many.
+    wanted_turns: Option<(usize, usize)>,
+    /// What is being marked by turns, and how many are left after this one.
+    turning: Option<(usize, usize)>,
+    /// What is to be forgotten.
+    forgotten: Vec<usize>,
 }
 
 impl Controls {
@@ -86,6 +111,49 @@ impl Controls {
     /// Take all moves that wait, for the run.
     pub(in crate::agent) fn take_moves(&self) -> Vec<GoalMove> {
         self.lock().moves.drain(..).collect()
+    }
+
+    /// Mark the place of a number, see [`Scenario::names`](crate::scenario::Scenario::names). Whoever asks has checked that it is
+    /// shown.
+    pub fn mark(&self, task: usize, how: Marking) {
+        let state = &mut self.lock();
+        match how {
+            Marking::Hold => state.held = Some((task, Instant::now() + HELD)),
+            Marking::Release => state.held = None,
+            Marking::Turn(turns) => state.wanted_turns = Some((task, turns)),
+            Marking::Forget if state.forgotten.contains(&task) => {}
+            Marking::Forget => state.forgotten.push(task),
+        }
+    }
+
+    /// What is being marked by hand now, or by turns.
+    pub fn marking(&self) -> Option<usize> {
+        let state = self.lock();
+        let held = state.held.filter(|(_, until)| Instant::now() < *until).map(|(task, _)| task);
+        held.or(state.turning.or(state.wanted_turns).map(|(task, _)| task))
+    }
+
+    /// What a frame is marked as; `ends`: it is the last one of an action.
+    pub(in crate::agent) fn take_marks(&self, ends: bool) -> Vec<Mark> {
+        let state = &mut self.lock();
+        let mut marks: Vec<Mark> = Vec::new();
+        if ends {
+            marks.extend(state.forgotten.drain(..).map(|task| Mark { task, kind: MarkKind::Forget }));
+        }
+        if state.held.is_some_and(|(_, until)| Instant::now() >= until) {
+            state.held = None;
+        }
+        let here = state.held.map(|(task, _)| task).into_iter().chain(state.turning.map(|(task, _)| task));
+        marks.extend(here.map(|task| Mark { task, kind: MarkKind::Here }));
+        marks
+    }
+
+    /// What the robot does in place of an action: turns, where somebody marks by them.
+    pub(in crate::agent) fn instead_of(&self, action: Action) -> Action {
+        let state = &mut self.lock();
+        let turning = state.turning.filter(|(_, left)| *left > 0).or_else(|| state.wanted_turns.take());
+        state.turning = turning.map(|(task, left)| (task, left.saturating_sub(1)));
+        if state.turning.is_some() { Action::TURN_LEFT } else { action }
     }
 
     /// For the run: stand still until no pause is wanted any more or the run is to end; how long that was.

@@ -15,7 +15,8 @@ use nalgebra::Point2;
 use serde::Deserialize;
 
 use super::{Shared, bytes};
-use crate::source::GoalMove;
+use crate::agent::Marking;
+use crate::source::{GoalMove, MarkKind, parse_mark};
 
 /// Most bytes of a request's body, and longest time for it.
 const MOST_BODY: usize = 1 << 10;
@@ -34,7 +35,7 @@ pub async fn answer(request: Request<Incoming>, shared: Arc<Shared>) -> Result<R
         return Ok(refused(status, text));
     }
     let gets = ["/", "/now", "/curves", "/maps"].contains(&path);
-    let posts = ["/pause", "/resume", "/stop", "/goal"].contains(&path);
+    let posts = ["/pause", "/resume", "/stop", "/goal", "/mark"].contains(&path);
     let allowed = if gets { Method::GET } else { Method::POST };
     if !gets && !posts {
         return Ok(refused(StatusCode::NOT_FOUND, "there is no such page"));
@@ -67,10 +68,8 @@ pub async fn answer(request: Request<Incoming>, shared: Arc<Shared>) -> Result<R
         }
         "/curves" => Ok(shared.published().curves.clone()),
         "/maps" => Ok(shared.published().maps.clone()),
-        "/goal" => match read(body).await {
-            Ok(body) => move_goal(&shared, &body),
-            Err(refusal) => Err(refusal),
-        },
+        "/goal" => read(body).await.and_then(|body| move_goal(&shared, &body)),
+        "/mark" => read(body).await.and_then(|body| mark(&shared, &body)),
         _ => {
             match path {
                 "/pause" => shared.controls.pause(true),
@@ -110,11 +109,11 @@ fn move_goal(shared: &Shared, body: &[u8]) -> Answer {
     let wanted: PageRequest = serde_json::from_slice(body).map_err(|error| {
         wrong(format!("this is no place for a goal, {{\"task\": NAME, \"x\": M, \"y\": M}}: {error}"))
     })?;
-    let Some(task) = shared.tasks.iter().position(|task| task.name == wanted.task) else {
-        let names: Vec<&str> = shared.tasks.iter().map(|task| task.name.as_str()).collect();
+    let Some(task) = shared.scenario.tasks.iter().position(|task| task.name == wanted.task) else {
+        let names: Vec<&str> = shared.scenario.tasks.iter().map(|task| task.name.as_str()).collect();
         return Err(wrong(format!("there is no task {:?}: there are {}", wanted.task, names.join(", "))));
     };
-    if shared.tasks[task].is_shown() {
+    if shared.scenario.tasks[task].is_shown() {
         return Err(wrong(format!(
             "the goal of {:?} is shown by marks: it cannot be moved to coordinates",
             wanted.task
@@ -129,11 +128,51 @@ fn move_goal(shared: &Shared, body: &[u8]) -> Answer {
             wanted.x, wanted.y, low.x, low.y, high.x, high.y
         )));
     }
-    if !shared.plan.leaves_circle(place, shared.tasks[task].radius) {
+    if !shared.plan.leaves_circle(place, shared.scenario.tasks[task].radius) {
         return Err(wrong(format!("a goal at ({}, {}) m would cover all that the robot reaches", wanted.x, wanted.y)));
     }
     let busy = |error: crate::agent::TooMany| (StatusCode::SERVICE_UNAVAILABLE, error.to_string());
     shared.controls.move_goal(GoalMove { task, goal: [wanted.x, wanted.y] }).map_err(busy)?;
+    Ok(Bytes::from_static(b"{}"))
+}
+
+/// What is to be marked.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct MarkRequest {
+    /// Name of a task that is shown.
+    task: String,
+    how: How,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum How {
+    Hold,
+    Release,
+    Turn,
+    Forget,
+}
+
+fn mark(shared: &Shared, body: &[u8]) -> Answer {
+    let wrong = |text: String| (StatusCode::BAD_REQUEST, text);
+    let wanted: MarkRequest = serde_json::from_slice(body).map_err(|error| {
+        wrong(format!(
+            "this is no mark, {{\"task\": NAME, \"how\": \"hold\" | \"release\" | \"turn\" | \"forget\"}}: {error}"
+        ))
+    })?;
+    let mark = parse_mark(&wanted.task, &shared.scenario).map_err(wrong)?;
+    if mark.kind == MarkKind::Forget {
+        return Err(wrong("to forget is not part of the name: \"how\" says it".to_owned()));
+    }
+    let circle = (360.0 / shared.scenario.robot.turn_deg).round().max(1.0) as usize;
+    let how = match wanted.how {
+        How::Hold => Marking::Hold,
+        How::Release => Marking::Release,
+        How::Turn => Marking::Turn(circle),
+        How::Forget => Marking::Forget,
+    };
+    shared.controls.mark(mark.task, how);
     Ok(Bytes::from_static(b"{}"))
 }
 

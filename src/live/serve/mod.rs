@@ -2,7 +2,7 @@
 //!
 //! ```text
 //!  follower thread: log ──▶ view ──▶ published bytes ◀── server thread: all clients
-//!                                                              └─ pause, goal, stop ──▶ controls of the run
+//!                                                              └─ pause, goal, mark, stop ──▶ controls of the run
 //! ```
 //!
 //! Both threads belong to the page alone, and end with the run. A request only copies what is published already, so that
@@ -36,7 +36,7 @@ pub use guard::{Guard, TokenError};
 use super::SetWhenDropped;
 use super::view::{View, Watcher};
 use crate::agent::Controls;
-use crate::scenario::{Plan, Scenario, Task};
+use crate::scenario::{Plan, Scenario};
 use crate::source::GoalMove;
 use crate::world::World;
 use page::Page;
@@ -124,7 +124,7 @@ struct Shared {
     page: Page,
     published: Mutex<Published>,
     controls: Arc<Controls>,
-    tasks: Vec<Task>,
+    scenario: Scenario,
     plan: Arc<Plan>,
     /// A client wants the run to end.
     stop: AtomicBool,
@@ -181,7 +181,7 @@ impl Server {
             page: Page::new(),
             published: Mutex::default(),
             controls: stage.controls.clone(),
-            tasks: stage.scenario.tasks.clone(),
+            scenario: stage.scenario.clone(),
             plan: stage.world.plan.clone(),
             stop: AtomicBool::new(false),
             asked: Mutex::default(),
@@ -288,6 +288,8 @@ struct Now<'a> {
     pausing: bool,
     /// Moves of goals that the run has not taken yet.
     moves: Vec<Moved>,
+    /// Name of what is being marked.
+    marking: Option<&'a str>,
 }
 
 /// A move of a goal that waits.
@@ -307,6 +309,7 @@ fn publish(watcher: &mut Watcher, shared: &Shared, version: u64) {
         view: &view,
         maps: epoch,
         pausing: shared.controls.is_paused(),
+        marking: shared.controls.marking().and_then(|task| shared.scenario.names().nth(task)),
         moves: shared.controls.waiting_moves().into_iter().map(moved).collect(),
     };
     let old = shared.published().epoch;

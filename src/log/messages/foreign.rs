@@ -57,6 +57,12 @@ messages! {
     std_msgs / UInt32 UInt32 { data: u32, } in;
     /// `std_msgs/msg/UInt64`.
     std_msgs / UInt64 UInt64 { data: u64, } in;
+    /// `std_msgs/msg/Bool`.
+    std_msgs / Bool Bool { data: bool, } in;
+    /// `std_msgs/msg/Float32`.
+    std_msgs / Float32 Float32 { data: f32, } in;
+    /// `std_msgs/msg/Float64`.
+    std_msgs / Float64 Float64 { data: f64, } in;
 }
 
 impl Transform {

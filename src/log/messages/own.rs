@@ -73,6 +73,18 @@ messages! {
         y: f64,
     } in Header Time;
 
+    /// The robot's own software said what an action was worth to a task.
+    adagio_msgs / RewardGiven RewardGiven {
+        /// When the action ended.
+        header: Header,
+        /// Its last frame.
+        frame: u64,
+        /// Name of the task.
+        task: String,
+        /// The number.
+        reward: f64,
+    } in Header Time;
+
     /// A pursuit is over: the robot arrived, or it was given up.
     adagio_msgs / PursuitEnded PursuitEnded {
         /// When.

@@ -5,7 +5,7 @@ use plotters::style::{Color, RGBColor};
 use super::{Figure, Item, Material, Section, file_name};
 use crate::evaluate::{Grid, HEADINGS, Map, RoomMaps, angle};
 use crate::report::Numbered;
-use crate::report::draw::{Colours, DrawError, GOAL, INK, Mark, PATH, Panel, Panels, SERIES, ends};
+use crate::report::draw::{BAD, Colours, DrawError, GOAL, INK, Mark, PATH, Panel, Panels, SERIES, ends};
 use crate::report::gather::CELL;
 use crate::report::room::HATCH;
 use crate::scenario::in_goal;
@@ -30,8 +30,11 @@ pub fn section(material: &Material<'_>) -> Result<Section, DrawError> {
             for (task, name) in tasks() {
                 items.push(Item::Figure(values(material, room_maps, task, name)?));
                 items.push(Item::Figure(best(material, room_maps, task, name)?));
-                if let Some(there) = &room_maps.there[task] {
-                    items.push(Item::Figure(region(material, room_maps, there, task, name)?));
+            }
+            for (number, there) in room_maps.there.iter().enumerate() {
+                let name = material.room.as_ref().and_then(|room| room.scenario.names().nth(number));
+                if let (Some(there), Some(name)) = (there, name) {
+                    items.push(Item::Figure(region(material, room_maps, there, number, name)?));
                 }
             }
             if named.len().is_multiple_of(2) {
@@ -60,7 +63,11 @@ pub fn section(material: &Material<'_>) -> Result<Section, DrawError> {
 /// The walls, the goal and what is near a wall, for a task.
 fn outline(material: &Material<'_>, task: usize, width: u32) -> Vec<Mark> {
     let Some(room) = &material.room else { return Vec::new() };
-    let mut marks: Vec<Mark> = room.goal(task).into_iter().collect();
+    let mut marks = if task < room.scenario.tasks.len() {
+        room.goal(task)
+    } else {
+        room.avoided(task - room.scenario.tasks.len()).into_iter().collect()
+    };
     marks.extend(room.walls(width));
     marks
 }
@@ -88,6 +95,8 @@ fn room(material: &Material<'_>, room_maps: &RoomMaps, task: usize, name: &str) 
         (PATH, format!("the last {} actions", super::LAST_ACTIONS)),
         (INK, "where the policy turns to".to_owned()),
     ];
+    let avoids = material.room.as_ref().is_some_and(|room| !room.scenario.avoids.is_empty());
+    key.extend(avoids.then(|| (BAD, "to be avoided".to_owned())));
     key.extend(punishes.then(|| (HATCH, "near a wall, punished".to_owned())));
     let (low, high) = ends(&values);
     let svg = Panels {
@@ -156,7 +165,7 @@ fn best(material: &Material<'_>, room_maps: &RoomMaps, task: usize, name: &str) 
     Ok(Figure::new(file_name("greedy", task, name), &title, caption, svg))
 }
 
-/// What counts as a goal that was shown.
+/// What counts as a place that was shown.
 fn region(
     material: &Material<'_>,
     room_maps: &RoomMaps,
@@ -165,17 +174,19 @@ fn region(
     name: &str,
 ) -> Result<Figure, DrawError> {
     let title = format!("What counts as {name}");
+    let is_goal = material.room.as_ref().is_some_and(|room| task < room.scenario.tasks.len());
     let panel = Panel { values: there.clone(), ..Panel::of(outline(material, task, 6)) };
     let svg = Panels {
         colours: Colours::Sequential(0.0, 1.0),
         scale: "share of eight headings at which the robot says that it is there".to_owned(),
         axes: true,
-        key: vec![(GOAL, "what evaluation counts".to_owned())],
+        key: vec![(if is_goal { GOAL } else { BAD }, "what evaluation counts".to_owned())],
         ..drawing(material, &title, room_maps, vec![panel])
     }
     .svg()?;
-    let caption = "The goal was shown, not measured: from pictures that were marked there, the agent tells by its camera whether \
-                   this is the place. The disc is what evaluation counts as a true arrival; the agent does not know it.";
+    let caption = "The place was shown, not measured: from pictures that were marked there, the agent tells by its camera whether \
+                   this is it. The disc is what evaluation counts as a true arrival, or as an entry into what is to be avoided; the \
+                   agent does not know it.";
     Ok(Figure::new(file_name("there", task, name), &title, caption, svg))
 }
 

@@ -55,7 +55,7 @@ fn colour(way: &Trip) -> RGBColor {
 
 /// All starts, in the colour of how their trial ended.
 fn starts(material: &Material<'_>, task: usize, name: &str, ways: &[Trip]) -> Result<Figure, DrawError> {
-    let mut marks: Vec<Mark> = material.room.iter().filter_map(|room| room.goal(task)).collect();
+    let mut marks: Vec<Mark> = material.room.iter().flat_map(|room| room.goal(task)).collect();
     marks.extend(material.walls(6));
     for &i in worst_first(ways).iter().rev() {
         let (way, start) = (&ways[i], ways[i].poses[0]);
@@ -102,7 +102,7 @@ fn trajectories(
     });
     let title = format!("The worst trials of {name}, failures first");
     let corners = material.corners().unwrap_or(([0.0; 2], [1.0; 2]));
-    let mut outline: Vec<Mark> = material.room.iter().filter_map(|room| room.goal(task)).collect();
+    let mut outline: Vec<Mark> = material.room.iter().flat_map(|room| room.goal(task)).collect();
     outline.extend(material.walls(1));
     let svg = Panels { outline, per_row: 4, ..Panels::new(&title, corners, panels.collect()) }.svg()?;
     let failed = ways.iter().filter(|way| !way.arrived).count();

@@ -16,12 +16,13 @@ use mcap::MAGIC;
 use nalgebra::Point2;
 
 use crate::log::messages::{
-    Decision, DictionaryGrowth, Evaluation, FrameTaken, GoalMoved, Health, Image, Log, ModelUpdate, PoseStamped, Text,
-    Transition,
+    Decision, DictionaryGrowth, Evaluation, FrameTaken, GoalMoved, Health, Image, Log, ModelUpdate, PoseStamped,
+    PursuitEnded, Text, Transition,
 };
 use crate::log::writer::METADATA_NAME;
 use crate::log::{FilesReader, LogError, Record, topics};
 use crate::robot::{Pose, wrap};
+use crate::scenario::FORGET;
 
 /// Entries of series that become lines.
 const LINE: usize = 1200;
@@ -117,6 +118,10 @@ pub struct Gathered {
     pub goals: BTreeMap<String, [f64; 2]>,
     /// Frames that were marked as the goal of a task, by its name: an even selection of their pictures.
     pub marked: BTreeMap<String, Downsample<Marked>>,
+    /// Frames that were marked as the place of a task, by its name.
+    pub marks: BTreeMap<String, u64>,
+    /// The last pursuit that is over.
+    pub pursuit: Option<PursuitEnded>,
     /// The tasks for which the next observation is marked.
     marking: Vec<String>,
     recent: VecDeque<(u64, Pose)>,
@@ -286,7 +291,16 @@ impl Gathered {
                 }
             }
         } else if is(topics::MARK.name()) {
-            self.marking.push(record.decode::<Text>()?.data);
+            let text = record.decode::<Text>()?.data;
+            if let Some(name) = text.strip_prefix(FORGET) {
+                self.marked.remove(name);
+                self.marks.remove(name);
+            } else {
+                *self.marks.entry(text.clone()).or_insert(0) += 1;
+                self.marking.push(text);
+            }
+        } else if is(topics::PURSUIT.name()) {
+            self.pursuit = Some(record.decode()?);
         } else if is(topics::DECISION.name()) {
             let decision: Decision = record.decode()?;
             self.decided[usize::from(decision.behaviour == Decision::PURSUE)] += 1;

@@ -40,6 +40,27 @@ pub struct Evaluate {
     pub decode_test: usize,
 }
 
+/// `[[task]]` with `avoid`: a place to keep away from, whatever the robot pursues.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Avoid {
+    /// Name, unique among all tasks.
+    pub name: String,
+    /// Its centre, metres. `None`: marks say where it is.
+    pub at: Option<[f64; 2]>,
+    /// Its radius, metres. Of a place that is shown: what evaluation counts as an entry.
+    pub radius: f64,
+    /// Of a place that is shown: nearer than this to one of its marks is there, actions.
+    pub within: Option<f64>,
+    /// Reward for an action that ends in its midst, for all tasks; negative.
+    pub reward: f64,
+}
+
+/// What a `[[task]]` is.
+pub(super) enum Entry {
+    Pursue(Task),
+    KeepAway(Avoid),
+}
+
 /// What happens when a goal is reached.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Then {
@@ -59,12 +80,15 @@ const SHOWN_RADIUS: f64 = 0.35;
 /// Being within so many actions of a mark is being there.
 const WITHIN: f64 = 0.8;
 
+/// The same of a place to keep away from: half a move and a little more than its radius, so that no action crosses the area.
+const AVOID_WITHIN: f64 = 1.6;
+
 /// `[[show]]`: somebody carries the robot to a place, turns it round once and carries it back, in the simulator.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Show {
     /// It begins in place of this action, counted from 0.
     pub action: usize,
-    /// Name of the task whose goal is shown.
+    /// Name of the task whose goal is shown, or of the place to keep away from.
     pub task: String,
     /// The place, metres.
     pub at: [f64; 2],
@@ -77,6 +101,11 @@ impl Task {
     pub fn is_shown(&self) -> bool {
         self.within.is_some()
     }
+
+    /// Whether the true pose says what the goal is.
+    pub fn needs_pose(&self) -> bool {
+        !self.is_shown() && self.topic.is_none()
+    }
 }
 
 impl Show {
@@ -88,7 +117,7 @@ impl Show {
     pub(super) fn read(s: &mut Section<'_, '_>) -> Self {
         Show {
             action: s.count("action", 3000, "", 0, 1_000_000_000, "it begins in place of this action, counted from 0"),
-            task: s.text("task", "", "name of the task whose goal is shown"),
+            task: s.text("task", "", "name of the task whose place is shown"),
             at: s.point("at", [1.5, 0.9], "the place to which the robot is carried"),
             headings: s.count("headings", 8, "", 1, 1000, "headings of one turn on the spot; each lasts an action"),
         }
@@ -109,7 +138,10 @@ pub struct Task {
     pub within: Option<f64>,
     /// Reward for an action that ends in the goal area.
     pub reward: f64,
-    /// Reward for an action that ends near a wall, outside the goal area; 0 where the goal is shown, since walls need a pose.
+    /// Of rewards from outside: the topic on which the robot's own software publishes them. The goal area is then a pad on the
+    /// floor of the simulation, which publishes 1 while the robot stands on it.
+    pub topic: Option<String>,
+    /// Reward for an action that ends near a wall, outside the goal area; 0 where no pose says what the goal is.
     pub wall_reward: f64,
     /// Near a wall is closer than this, robot centre to wall, metres.
     pub wall_distance: f64,
@@ -186,50 +218,100 @@ impl Evaluate {
     }
 }
 
-impl Task {
+impl Entry {
     pub(super) fn read(s: &mut Section<'_, '_>, index: usize) -> Self {
         let name = s.text("name", &format!("task {}", index + 1), "unique name");
-        let goal = s.point_or("goal", [1.5, 0.9], "shown", "centre of the goal area, or marks say what the goal is");
-        let (radius, meaning) = match goal {
-            Some(_) => (0.2, "radius of the goal area"),
-            None => (SHOWN_RADIUS, "farther from the shown place than this is no true arrival, for evaluation"),
+        match s.has("avoid") {
+            true => Entry::KeepAway(Avoid::read(s, name)),
+            false => Entry::Pursue(Task::read(s, name)),
+        }
+    }
+}
+
+impl Avoid {
+    fn read(s: &mut Section<'_, '_>, name: String) -> Self {
+        let at = s.point_or("avoid", None, "shown", "centre of an area to keep away from, or marks say where it is");
+        let radius_meaning = match at {
+            Some(_) => "radius of the area",
+            None => "nearer to the shown place than this is an entry, for evaluation",
         };
-        let within = match goal {
+        Avoid {
+            name,
+            at,
+            radius: s.number("radius", SHOWN_RADIUS, "m", Range::above(0.0, 1000.0), radius_meaning),
+            within: at.is_none().then(|| {
+                let meaning = "values keep the robot farther than this from the marks";
+                s.number("within", AVOID_WITHIN, "actions", Range::above(0.0, 100.0), meaning)
+            }),
+            reward: s.number(
+                "reward",
+                -20.0,
+                "",
+                Range::within(-1e6, -1e-6),
+                "for an action that ends in its midst, whatever is pursued; towards its edge it falls as a square",
+            ),
+        }
+    }
+
+    /// Reward for an action that ends so deep in it, from 0 at its edge to 1 in its midst: who stands at the edge is to turn away, and
+    /// not to cross it because each step there costs the same.
+    pub fn reward_at(&self, depth: f64) -> f64 {
+        self.reward * depth * depth
+    }
+
+    /// Whether marks say where it is.
+    pub fn is_shown(&self) -> bool {
+        self.at.is_none()
+    }
+}
+
+impl Task {
+    fn read(s: &mut Section<'_, '_>, name: String) -> Self {
+        let any = Range::above(0.0, 1e6);
+        let reward = "for an action that ends in the goal area, or a topic gives it";
+        let reward = s.number_or("reward", Some(1.0), "topic", "", any, reward);
+        let topic = match reward {
             Some(_) => None,
-            None => Some(s.number(
-                "within",
-                WITHIN,
-                "actions",
-                Range::above(0.0, 100.0),
-                "nearer than this to one of the marks is at the goal",
-            )),
+            None => {
+                Some(s.text("topic", "/reward", "std_msgs number or Bool: the reward; above 0 is being at the goal"))
+            }
         };
+        let goal = match &topic {
+            None => {
+                let meaning = "centre of the goal area, or marks say what the goal is";
+                s.point_or("goal", Some([1.5, 0.9]), "shown", meaning)
+            }
+            Some(_) => {
+                let meaning = "centre of a pad on the simulation's floor, on which the robot gets the reward 1";
+                s.point_or("goal", None, "none", meaning)
+            }
+        };
+        let shown = goal.is_none() && topic.is_none();
+        let (radius, meaning) = match shown {
+            false => (0.2, "radius of the goal area"),
+            true => (SHOWN_RADIUS, "farther from the shown place than this is no true arrival, for evaluation"),
+        };
+        let within = shown.then(|| {
+            let meaning = "nearer than this to one of the marks is at the goal";
+            s.number("within", WITHIN, "actions", Range::above(0.0, 100.0), meaning)
+        });
+        let radius = s.number("radius", radius, "m", Range::above(0.0, 1000.0), meaning);
+        let (mut wall_reward, mut wall_distance) = (0.0, 0.0);
+        if topic.is_none() && !shown {
+            let meaning = "for an action that ends near a wall, outside the goal area";
+            wall_reward = s.number("wall_reward", -0.3, "", Range::within(-1e6, 0.0), meaning);
+            let meaning = "robot centre to wall that counts as near";
+            wall_distance = s.number("wall_distance", 0.3, "m", Range::within(0.0, 1000.0), meaning);
+        }
         Task {
             name,
             goal,
-            radius: s.number("radius", radius, "m", Range::above(0.0, 1000.0), meaning),
+            radius,
             within,
-            reward: s.number("reward", 1.0, "", Range::above(0.0, 1e6), "for an action that ends in the goal area"),
-            wall_reward: match goal {
-                Some(_) => s.number(
-                    "wall_reward",
-                    -0.3,
-                    "",
-                    Range::within(-1e6, 0.0),
-                    "for an action that ends near a wall, outside the goal area",
-                ),
-                None => 0.0,
-            },
-            wall_distance: match goal {
-                Some(_) => s.number(
-                    "wall_distance",
-                    0.3,
-                    "m",
-                    Range::within(0.0, 1000.0),
-                    "robot centre to wall that counts as near",
-                ),
-                None => 0.0,
-            },
+            reward: reward.unwrap_or(1.0),
+            topic,
+            wall_reward,
+            wall_distance,
             absorbing: s.flag("absorbing", false, "whether values count the goal as the end of an episode"),
             then: s.choice(
                 "then",

@@ -17,6 +17,7 @@ use std::path::Path;
 use super::Topics;
 use super::change::Change;
 use super::keys::Reader;
+use conduct::Entry;
 
 /// A checked scenario.
 #[derive(Debug, Clone, PartialEq)]
@@ -55,6 +56,8 @@ pub struct Scenario {
     pub changes: Vec<Change>,
     /// `[[task]]`, at least one.
     pub tasks: Vec<Task>,
+    /// `[[task]]` with `avoid`; in the file they stand behind the others, and their numbers go on from theirs.
+    pub avoids: Vec<Avoid>,
     /// `[[show]]`, in the order in which they happen.
     pub shows: Vec<Show>,
     /// The complete file, every default filled in.
@@ -90,7 +93,7 @@ impl Scenario {
                 s.count("actions", 15_000, "actions", 10, 1_000_000_000, "the run ends after this many"),
             )
         });
-        Scenario {
+        let mut scenario = Scenario {
             name,
             seed,
             actions,
@@ -108,10 +111,42 @@ impl Scenario {
             topics: reader.section("topics", "what another program's log calls its things", Topics::read),
             changes: reader
                 .sections("change", "what changes while the robot drives", |s, index| Change::read(s, base, index)),
-            tasks: reader.sections("task", "", Task::read),
-            shows: reader.sections("show", "somebody shows the robot where a goal is", |s, _| Show::read(s)),
+            tasks: Vec::new(),
+            avoids: Vec::new(),
+            shows: Vec::new(),
             text: String::new(),
             notes: Vec::new(),
+        };
+        for (index, entry) in reader.sections("task", "", Entry::read).into_iter().enumerate() {
+            match entry {
+                Entry::KeepAway(avoid) => scenario.avoids.push(avoid),
+                Entry::Pursue(_) if !scenario.avoids.is_empty() => {
+                    let text = "is behind a task with avoid: those must stand behind all others".to_owned();
+                    reader.fault_at(&format!("task.{index}"), text);
+                }
+                Entry::Pursue(task) => scenario.tasks.push(task),
+            }
         }
+        scenario.shows = reader.sections("show", "somebody shows the robot a place", |s, _| Show::read(s));
+        scenario
+    }
+
+    /// Names of all places that can be marked or driven to, by their number: tasks, then what is to be avoided.
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        let tasks = self.tasks.iter().map(|task| task.name.as_str());
+        tasks.chain(self.avoids.iter().map(|avoid| avoid.name.as_str()))
+    }
+
+    /// Whether marks say where the place of a number is.
+    pub fn is_shown(&self, number: usize) -> bool {
+        match self.tasks.get(number) {
+            Some(task) => task.is_shown(),
+            None => self.avoids.get(number - self.tasks.len()).is_some_and(Avoid::is_shown),
+        }
+    }
+
+    /// Whether any place is shown.
+    pub fn shows_any(&self) -> bool {
+        self.tasks.iter().any(Task::is_shown) || self.avoids.iter().any(Avoid::is_shown)
     }
 }

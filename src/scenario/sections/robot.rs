@@ -6,6 +6,8 @@ use crate::scenario::keys::{Range, Section};
 /// `[robot]`
 #[derive(Debug, Clone, PartialEq)]
 pub struct Robot {
+    /// Whether frames come with the true pose.
+    pub pose_known: bool,
     /// Radius, metres.
     pub radius: f64,
     /// Length of the action *forward*, metres.
@@ -100,6 +102,12 @@ impl Robot {
     pub(super) fn read(s: &mut Section<'_, '_>) -> Self {
         let share = Range::within(0.0, 0.5);
         Robot {
+            pose_known: s.choice(
+                "pose",
+                0,
+                &[("known", true), ("none", false)],
+                "whether something measures where the robot is: for goals by coordinates, evaluation and plots",
+            ),
             radius: s.number("radius", 0.25, "m", Range::above(0.0, 10.0), "Pioneer 3-DX: 0.25"),
             forward: s.number("forward", 0.30, "m", Range::above(0.0, 10.0), "length of the action forward"),
             turn_deg: s.number("turn_deg", 45.0, "degrees", Range::above(0.0, 180.0), "angle of a turn"),

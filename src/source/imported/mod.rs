@@ -25,13 +25,14 @@ pub use topics::{ImportError, LogContents, Roles, Seen, stamp_ns};
 use std::collections::VecDeque;
 use std::sync::Arc;
 
+use nalgebra::Point2;
 use serde::Serialize;
 
 use self::actions::RecordedActions;
 use self::senses::{Sensed, Senses};
 use super::{Boundary, Frame, Rule, Segment, Segmenter, Source, Step, View};
 use crate::log::FilesReader;
-use crate::robot::Action;
+use crate::robot::{Action, Pose};
 use crate::scenario::Scenario;
 
 /// Most frames that an action of a scenario may have.
@@ -62,6 +63,10 @@ pub struct ImportReport {
     pub out_of_order: u64,
     /// Images left out because there is no pose before and after them.
     pub without_pose: u64,
+    /// Marks of what is not to be shown; and what is said of the first of them.
+    pub unknown_marks: u64,
+    /// What is said of the first of these.
+    pub first_unknown_mark: Option<String>,
     /// Other messages that could not be read, and damaged records.
     pub damaged: u64,
 }
@@ -179,6 +184,8 @@ impl Imported {
             first_unusable: unused.first_reason.clone(),
             out_of_order: unused.out_of_order,
             without_pose: unused.without_pose,
+            unknown_marks: unused.marks,
+            first_unknown_mark: unused.first_mark.clone(),
             damaged: unused.damaged,
             ..self.report.clone()
         }
@@ -211,7 +218,7 @@ impl Imported {
              clocks differ (topics.stamps = \"log\" takes the log's)?",
             self.scenario.robot.action_seconds,
             times(&roles.camera),
-            times(&roles.pose)
+            times(roles.pose.as_deref().unwrap_or_default())
         )
     }
 
@@ -220,10 +227,8 @@ impl Imported {
             match self.senses.next() {
                 Some(sensed) => self.take(sensed),
                 None => {
-                    self.cutting.interrupt();
-                    self.give_finished();
-                    self.held.clear();
-                    (self.given, self.ended) = (false, true);
+                    self.interrupt();
+                    self.ended = true;
                 }
             }
         }
@@ -234,20 +239,40 @@ impl Imported {
         if let Some(last) = self.held.back() {
             let interval = sensed.stamp_ns.saturating_sub(last.stamp_ns);
             let (is_gap, seconds) = (interval > self.gap_ns, interval as f64 / 1e9);
-            if is_gap || self.rule.is_jump(&last.pose, &sensed.pose, seconds) {
-                self.cutting.interrupt();
-                self.give_finished();
-                self.held.clear();
-                self.given = false;
+            let poses = last.pose.zip(sensed.pose);
+            if is_gap || poses.is_some_and(|(before, now)| self.rule.is_jump(&before, &now, seconds)) {
+                self.interrupt();
                 self.report.gaps += u64::from(is_gap);
                 self.report.jumps += u64::from(!is_gap);
             } else {
-                let step = self.rule.step(&last.pose, &sensed.pose, seconds, sensed.commanded);
+                let step = match poses {
+                    Some((before, now)) => self.rule.step(&before, &now, seconds, sensed.commanded),
+                    // Nobody knows how far it went: as far as it was to.
+                    None => self.rule.as_commanded(seconds),
+                };
                 self.cut(step, sensed.stamp_ns);
             }
         }
         self.held.push_back(sensed);
         self.give_finished();
+    }
+
+    /// What comes next has nothing to do with what was.
+    fn interrupt(&mut self) {
+        self.cutting.interrupt();
+        self.give_finished();
+        self.leave_out(self.held.len());
+        self.given = false;
+    }
+
+    /// The first images that are held show nothing that is an action: only those that were marked are given.
+    fn leave_out(&mut self, images: usize) {
+        for index in usize::from(self.given)..images {
+            if self.held.get(index).is_some_and(|sensed| !sensed.marks.is_empty()) {
+                self.give(index, None, Some(false));
+            }
+        }
+        self.held.drain(..images);
     }
 
     fn cut(&mut self, step: Step, stamp_ns: u64) {
@@ -267,7 +292,7 @@ impl Imported {
     fn give_finished(&mut self) {
         while let Some(segment) = self.cutting.finished() {
             let Some(action) = segment.action else {
-                self.held.drain(..segment.frames);
+                self.leave_out(segment.frames);
                 self.given = false;
                 continue;
             };
@@ -292,13 +317,14 @@ impl Imported {
             stamp_ns: sensed.stamp_ns,
             // It is given once: only its pose is needed again.
             view: View::Observation(std::mem::take(&mut sensed.pixels)),
-            truth: Some(sensed.pose),
-            odometry: sensed.pose,
+            truth: sensed.pose.filter(|_| self.scenario.robot.pose_known),
+            odometry: sensed.pose.unwrap_or(Pose::new(Point2::origin(), 0.0)),
             sonar: std::mem::take(&mut sensed.sonar),
             action,
             boundary: ends.map(|blocked| Boundary { blocked }),
             moved: Vec::new(),
-            marks: Vec::new(),
+            marks: std::mem::take(&mut sensed.marks),
+            rewards: if ends.is_some() { std::mem::take(&mut sensed.rewards) } else { Vec::new() },
         });
         self.report.frames += 1;
     }

@@ -11,6 +11,7 @@ use crate::log::messages::{self as msg, Message, foreign};
 use crate::log::{FilesReader, LogError, Record, cdr};
 use crate::robot::{Action, Pose, wrap};
 use crate::scenario::Scenario;
+use crate::source::{Mark, parse_mark};
 use crate::vision::Observer;
 
 /// Images that wait for a pose after them; then the oldest is given up.
@@ -28,11 +29,16 @@ pub struct Sensed {
     pub stamp_ns: u64,
     /// The observation that vision made of it.
     pub pixels: Vec<u8>,
-    pub pose: Pose,
+    /// Where the robot was; `None` where the log does not say it.
+    pub pose: Option<Pose>,
     /// Distances, the first straight ahead, counter-clockwise, metres.
     pub sonar: Vec<f32>,
     /// What was commanded since the image before, metres ahead.
     pub commanded: f64,
+    /// What somebody marked since the image before, or with it.
+    pub marks: Vec<Mark>,
+    /// The newest rewards, by task.
+    pub rewards: Vec<f64>,
 }
 
 /// What could not be used.
@@ -47,6 +53,9 @@ pub struct Unused {
     pub out_of_order: u64,
     /// Images without a pose before and after them.
     pub without_pose: u64,
+    /// Marks of what is not to be shown; and what is said of the first.
+    pub marks: u64,
+    pub first_mark: Option<String>,
     /// Other messages that could not be read, and damaged records.
     pub damaged: u64,
 }
@@ -96,6 +105,11 @@ pub struct Senses {
     counted_to_ns: u64,
     scans: VecDeque<(u64, Vec<f32>)>,
     actions: VecDeque<(u64, Option<Action>)>,
+    marks: VecDeque<(u64, Mark)>,
+    /// Rewards that were published: the number of the task, and the reward.
+    published: VecDeque<(u64, (usize, f64))>,
+    /// Those that hold, by task.
+    rewards: Vec<f64>,
     last_image_ns: Option<u64>,
     passed_over: usize,
     pub unused: Unused,
@@ -103,6 +117,8 @@ pub struct Senses {
 
 impl Senses {
     pub fn new(scenario: Arc<Scenario>, roles: Roles, records: FilesReader) -> Self {
+        let any = roles.rewards.iter().any(Option::is_some);
+        let rewards = if any { vec![f64::NAN; roles.rewards.len()] } else { Vec::new() };
         Senses {
             scenario,
             roles,
@@ -116,6 +132,9 @@ impl Senses {
             counted_to_ns: 0,
             scans: VecDeque::new(),
             actions: VecDeque::new(),
+            marks: VecDeque::new(),
+            published: VecDeque::new(),
+            rewards,
             last_image_ns: None,
             passed_over: 0,
             unused: Unused::default(),
@@ -127,13 +146,18 @@ impl Senses {
         loop {
             if let Some(pose) = self.pose_of_first() {
                 let Waiting { stamp_ns, pixels } = self.waiting.pop_front()?;
-                match pose {
-                    Some(pose) => {
-                        let (sonar, commanded) = (self.sonar_at(stamp_ns), self.known_until(stamp_ns));
-                        return Some(Sensed { stamp_ns, pixels, pose, sonar, commanded });
-                    }
-                    None => self.unused.without_pose += 1,
+                if pose.is_none() && self.roles.pose.is_some() {
+                    self.unused.without_pose += 1;
+                    continue;
                 }
+                let (sonar, commanded) = (self.sonar_at(stamp_ns), self.known_until(stamp_ns));
+                let marks = std::iter::from_fn(|| self.marks.pop_front_if(|mark| mark.0 <= stamp_ns));
+                let marks = marks.map(|mark| mark.1).collect();
+                while let Some((_, (task, reward))) = self.published.pop_front_if(|reward| reward.0 <= stamp_ns) {
+                    self.rewards[task] = reward;
+                }
+                let rewards = self.rewards.clone();
+                return Some(Sensed { stamp_ns, pixels, pose, sonar, commanded, marks, rewards });
             } else if self.ended {
                 return None;
             } else {
@@ -157,7 +181,7 @@ impl Senses {
                 let taken = if *topic == *self.roles.camera {
                     self.image(&schema, &data, stamp);
                     Ok(())
-                } else if *topic == *self.roles.pose {
+                } else if is(&self.roles.pose) {
                     self.pose(&schema, &data, stamp)
                 } else if is(&self.roles.action) {
                     self.action(&schema, &data, stamp)
@@ -165,8 +189,10 @@ impl Senses {
                     self.command(&schema, &data, stamp)
                 } else if is(&self.roles.sonar) {
                     self.scan(&data, stamp)
+                } else if is(&self.roles.mark) {
+                    self.mark(&data, stamp)
                 } else {
-                    Ok(())
+                    self.reward(&topic, &schema, &data, stamp)
                 };
                 self.unused.damaged += u64::from(taken.is_err());
             }
@@ -228,6 +254,10 @@ impl Senses {
     /// The pose of the first image that waits: `None` if it is not known yet, `Some(None)` if it never can.
     fn pose_of_first(&mut self) -> Option<Option<Pose>> {
         let stamp = self.waiting.front()?.stamp_ns;
+        if self.roles.pose.is_none() {
+            // What belongs to an image has come when the next one is there.
+            return (self.ended || self.waiting.len() > 1).then_some(None);
+        }
         // The last pose that is not after the image stays.
         while self.poses.get(1).is_some_and(|next| next.0 <= stamp) {
             self.poses.pop_front();
@@ -311,17 +341,38 @@ impl Senses {
         }
     }
 
+    fn mark(&mut self, data: &[u8], stamp_ns: u64) -> Result<(), LogError> {
+        match parse_mark(&cdr::decode::<msg::Text>(data)?.data, &self.scenario) {
+            Ok(mark) => keep(&mut self.marks, (stamp_ns, mark), MOST_AHEAD),
+            Err(reason) => {
+                self.unused.marks += 1;
+                self.unused.first_mark.get_or_insert(reason);
+            }
+        }
+        Ok(())
+    }
+
+    /// A number for the tasks whose reward a topic gives, if it is such a topic.
+    fn reward(&mut self, topic: &str, kind: &str, data: &[u8], stamp_ns: u64) -> Result<(), LogError> {
+        for task in 0..self.roles.rewards.len() {
+            if self.roles.rewards[task].as_deref() != Some(topic) {
+                continue;
+            }
+            let reward = match kind {
+                foreign::Bool::TYPE => f64::from(u8::from(cdr::decode::<foreign::Bool>(data)?.data)),
+                foreign::Float32::TYPE => cdr::decode::<foreign::Float32>(data)?.data.into(),
+                foreign::Float64::TYPE => cdr::decode::<foreign::Float64>(data)?.data,
+                _ => integer(kind, data)?.map_or(f64::NAN, |number| number as f64),
+            };
+            keep(&mut self.published, (stamp_ns, (task, reward)), MOST_AHEAD);
+        }
+        Ok(())
+    }
+
     fn action(&mut self, kind: &str, data: &[u8], stamp_ns: u64) -> Result<(), LogError> {
         let number = match kind {
             msg::Decision::TYPE => Some(i64::from(cdr::decode::<msg::Decision>(data)?.action)),
-            foreign::Int8::TYPE => Some(cdr::decode::<foreign::Int8>(data)?.data.into()),
-            foreign::Int16::TYPE => Some(cdr::decode::<foreign::Int16>(data)?.data.into()),
-            foreign::Int32::TYPE => Some(cdr::decode::<foreign::Int32>(data)?.data.into()),
-            foreign::Int64::TYPE => Some(cdr::decode::<foreign::Int64>(data)?.data),
-            foreign::UInt8::TYPE => Some(cdr::decode::<foreign::UInt8>(data)?.data.into()),
-            foreign::UInt16::TYPE => Some(cdr::decode::<foreign::UInt16>(data)?.data.into()),
-            foreign::UInt32::TYPE => Some(cdr::decode::<foreign::UInt32>(data)?.data.into()),
-            foreign::UInt64::TYPE => i64::try_from(cdr::decode::<foreign::UInt64>(data)?.data).ok(),
+            _ if kind != msg::Text::TYPE => integer(kind, data)?,
             _ => match cdr::decode::<msg::Text>(data)?.data.trim().to_lowercase().as_str() {
                 "forward" => Some(0),
                 "left" | "turn_left" => Some(1),
@@ -333,6 +384,21 @@ impl Senses {
         keep(&mut self.actions, (stamp_ns, action), MOST_AHEAD);
         Ok(())
     }
+}
+
+/// The number in a message of one of the types of integers; `None` beyond those of 64 bits with a sign, and for other types.
+fn integer(kind: &str, data: &[u8]) -> Result<Option<i64>, LogError> {
+    Ok(match kind {
+        foreign::Int8::TYPE => Some(cdr::decode::<foreign::Int8>(data)?.data.into()),
+        foreign::Int16::TYPE => Some(cdr::decode::<foreign::Int16>(data)?.data.into()),
+        foreign::Int32::TYPE => Some(cdr::decode::<foreign::Int32>(data)?.data.into()),
+        foreign::Int64::TYPE => Some(cdr::decode::<foreign::Int64>(data)?.data),
+        foreign::UInt8::TYPE => Some(cdr::decode::<foreign::UInt8>(data)?.data.into()),
+        foreign::UInt16::TYPE => Some(cdr::decode::<foreign::UInt16>(data)?.data.into()),
+        foreign::UInt32::TYPE => Some(cdr::decode::<foreign::UInt32>(data)?.data.into()),
+        foreign::UInt64::TYPE => i64::try_from(cdr::decode::<foreign::UInt64>(data)?.data).ok(),
+        _ => None,
+    })
 }
 
 /// Add to a queue, and forget its oldest entry where it has too many.

@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 use crate::log::messages::{self as msg, Message as _, foreign};
-use crate::log::{LogError, LogReader, Record};
-use crate::scenario::{Stamps, TopicChoice, Topics};
+use crate::log::{LogError, LogReader, Record, topics};
+use crate::scenario::{Scenario, Stamps, TopicChoice};
 
 /// Intervals between messages that the usual one is the median of.
 const INTERVALS: usize = 1000;
@@ -103,13 +103,17 @@ pub struct Roles {
     /// Camera images.
     pub camera: String,
     /// Where the robot is.
-    pub pose: String,
+    pub pose: Option<String>,
     /// The velocity that was commanded.
     pub command: Option<String>,
     /// Actions.
     pub action: Option<String>,
     /// Distances.
     pub sonar: Option<String>,
+    /// What somebody marks.
+    pub mark: Option<String>,
+    /// Rewards, by task.
+    pub rewards: Vec<Option<String>>,
 }
 
 /// Types of images.
@@ -120,7 +124,7 @@ const TRANSFORMS: &str = foreign::TfMessage::TYPE;
 const COMMAND: [&str; 2] = [msg::Twist::TYPE, msg::TwistStamped::TYPE];
 /// Types of actions that are nothing else, and those that could be anything.
 const ACTION: &str = msg::Decision::TYPE;
-const VALUES: [&str; 9] = [
+const INTEGERS: [&str; 8] = [
     foreign::Int8::TYPE,
     foreign::Int16::TYPE,
     foreign::Int32::TYPE,
@@ -129,8 +133,9 @@ const VALUES: [&str; 9] = [
     foreign::UInt16::TYPE,
     foreign::UInt32::TYPE,
     foreign::UInt64::TYPE,
-    msg::Text::TYPE,
 ];
+/// Types of rewards beside those.
+const NUMBERS: [&str; 3] = [foreign::Bool::TYPE, foreign::Float32::TYPE, foreign::Float64::TYPE];
 const SONAR: &str = msg::LaserScan::TYPE;
 
 /// Whether messages of a type begin with a header.
@@ -221,24 +226,50 @@ impl LogContents {
         seen.last_ns = stamp;
     }
 
-    /// Which topic is what, as the scenario says, or by their types.
+    /// Which topic is what, as the scenario says, or by their types. A pose is needed for goals by coordinates, and to find actions
+    /// where they were not recorded.
     ///
     /// # Errors
     /// [`ImportError::Topic`].
-    pub fn roles(&self, wanted: &Topics) -> Result<Roles, ImportError> {
-        let missing = |key: &str, part: Option<String>| {
-            part.ok_or_else(|| self.refuse(format!("topics.{key} = \"none\": without it nothing can be learned")))
-        };
+    pub fn roles(&self, scenario: &Scenario) -> Result<Roles, ImportError> {
+        let wanted = &scenario.topics;
+        let missing = |key: &str| self.refuse(format!("topics.{key} = \"none\": without it nothing can be learned"));
         let pose_kinds = [&POSE[..], &[TRANSFORMS]].concat();
-        let camera = self.role("camera", &wanted.camera, &CAMERA, &[&CAMERA], true)?;
-        let pose = self.role("pose", &wanted.pose, &pose_kinds, &[&POSE, &[TRANSFORMS]], true)?;
-        let action_kinds = [&[ACTION][..], &VALUES].concat();
+        let camera = self.role("topics.camera", &wanted.camera, &CAMERA, &[&CAMERA], true)?;
+        let action_kinds = [&[ACTION, msg::Text::TYPE][..], &INTEGERS].concat();
+        let action = self.role("topics.action", &wanted.action, &action_kinds, &[&[ACTION]], false)?;
+        let needs_pose = scenario.robot.pose_known || action.is_none();
+        let pose = self.role("topics.pose", &wanted.pose, &pose_kinds, &[&POSE, &[TRANSFORMS]], needs_pose)?;
+        if pose.is_none() && needs_pose {
+            let known = scenario.robot.pose_known;
+            let why =
+                if known { "robot.pose = \"known\" needs it" } else { "without topics.action it finds the actions" };
+            return Err(self.refuse(format!("topics.pose = \"none\": {why}")));
+        }
+        let mark = match &wanted.mark {
+            TopicChoice::Auto if !self.topics.contains_key(topics::MARK.name()) => None,
+            TopicChoice::Auto => Some(TopicChoice::Named(topics::MARK.name().to_owned())),
+            choice => Some(choice.clone()),
+        };
+        let mark =
+            mark.map(|choice| self.role("topics.mark", &choice, &[msg::Text::TYPE], &[], false)).transpose()?.flatten();
+        let number_kinds = [&INTEGERS[..], &NUMBERS].concat();
+        let reward = |(number, topic): (usize, &Option<String>)| match topic {
+            None => Ok(None),
+            Some(topic) => {
+                let choice = TopicChoice::Named(topic.clone());
+                self.role(&format!("task.{number}.topic"), &choice, &number_kinds, &[], true)
+            }
+        };
+        let rewards = scenario.tasks.iter().map(|task| &task.topic).enumerate().map(reward);
         Ok(Roles {
-            camera: missing("camera", camera)?,
-            pose: missing("pose", pose)?,
-            command: self.role("command", &wanted.command, &COMMAND, &[&COMMAND], false)?,
-            action: self.role("action", &wanted.action, &action_kinds, &[&[ACTION]], false)?,
-            sonar: self.role("sonar", &wanted.sonar, &[SONAR], &[&[SONAR]], false)?,
+            camera: camera.ok_or_else(|| missing("camera"))?,
+            pose,
+            command: self.role("topics.command", &wanted.command, &COMMAND, &[&COMMAND], false)?,
+            sonar: self.role("topics.sonar", &wanted.sonar, &[SONAR], &[&[SONAR]], false)?,
+            action,
+            mark,
+            rewards: rewards.collect::<Result<_, _>>()?,
         })
     }
 
@@ -265,21 +296,21 @@ impl LogContents {
                         [only] => return Ok(Some(only.clone())),
                         [first, ..] => {
                             return Err(self.refuse(format!(
-                                "{} topics could be topics.{key}: choose one, such as --set topics.{key}={first}",
+                                "{} topics could be {key}: choose one, such as --set {key}={first}",
                                 found.len()
                             )));
                         }
                     }
                 }
-                let reason = format!("no topic can be topics.{key}: it must hold {} as cdr", kinds.join(" or "));
+                let reason = format!("no topic can be {key}: it must hold {} as cdr", kinds.join(" or "));
                 return if needed { Err(self.refuse(reason)) } else { Ok(None) };
             }
         };
         match self.topics.get(name) {
-            None => Err(self.refuse(format!("topics.{key} = {name:?} has no messages"))),
+            None => Err(self.refuse(format!("{key} = {name:?} has no messages"))),
             Some(seen) if seen.encoding == "cdr" && kinds.contains(&seen.kind.as_str()) => Ok(Some(name.clone())),
             Some(seen) => Err(self.refuse(format!(
-                "topics.{key} = {name:?} holds {} as {}: it must hold {} as cdr",
+                "{key} = {name:?} holds {} as {}: it must hold {} as cdr",
                 seen.kind,
                 seen.encoding,
                 kinds.join(" or ")

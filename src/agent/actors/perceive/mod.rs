@@ -144,12 +144,12 @@ impl Perceive {
             let after = |action| self.recent.then(action, boundary.blocked);
             self.recent = frame.action.map_or(Recent::default(), after);
         }
+        let rewards = frame.rewards;
+        let end_of = |blocked: bool| ActionEnd { place, blocked, rewards: rewards.clone() };
         self.pending.push(Pending {
             observation: observation.clone(),
             link,
-            boundary: frame
-                .boundary
-                .map(|end| (ActionEnd { place, blocked: end.blocked }, self.reflexes.allowed(self.recent))),
+            boundary: frame.boundary.map(|end| (end_of(end.blocked), self.reflexes.allowed(self.recent))),
             action: frame.action,
         });
         self.last_number = Some(frame.number);
@@ -173,7 +173,7 @@ impl Perceive {
             sonar: frame.sonar,
             action: frame.action,
             recent: self.recent,
-            outcomes: self.goals.outcomes_of(ActionEnd { place, blocked: boundary.blocked }),
+            outcomes: self.goals.outcomes_of(&end_of(boundary.blocked)),
             asked: std::mem::take(&mut self.asked),
         });
         SeenFrame { observation, percept, moved, marks, refused }
@@ -229,7 +229,7 @@ impl Perceive {
     fn window_with_outcomes(&self) -> Vec<TaskTransition> {
         let with_outcomes = |t: Transition<Arc<Observation>, ActionEnd>| {
             let Transition { from, action, allowed, result, to, cell } = t;
-            Transition { from, action, allowed, result: self.goals.outcomes_of(result), to, cell }
+            Transition { from, action, allowed, result: self.goals.outcomes_of(&result), to, cell }
         };
         self.window.snapshot().into_iter().map(with_outcomes).collect()
     }
@@ -262,7 +262,7 @@ impl Perceive {
                     // Frames are missing before this one: the outcome of the action is not known.
                     self.last_boundary = None;
                 }
-                let Some((end, allowed)) = frame.boundary else { continue };
+                let Some((end, allowed)) = frame.boundary.clone() else { continue };
                 let Some(cell) = cell else {
                     // Nothing is known of where this action ended and the next one began.
                     self.last_boundary = None;
@@ -399,15 +399,29 @@ mod tests {
             let (view, boundary) = (View::Observation(pixels), Some(Boundary { blocked }));
             let marks = Vec::new();
             let truth = Some(pose);
-            Frame { number, stamp_ns: number, view, truth, odometry: pose, sonar, action, boundary, moved, marks }
+            let rewards = Vec::new();
+            Frame {
+                number,
+                stamp_ns: number,
+                view,
+                truth,
+                odometry: pose,
+                sonar,
+                action,
+                boundary,
+                moved,
+                marks,
+                rewards,
+            }
         };
-        let mut see = |frame| (perceive.see(frame).percept.unwrap().recent, perceive.pending.last().unwrap().boundary);
+        let mut see =
+            |frame| (perceive.see(frame).percept.unwrap().recent, perceive.pending.last().unwrap().boundary.clone());
         assert_eq!(see(frame(0, None, false)).0, Recent::default());
         see(frame(1, Some(Action::TURN_LEFT), false));
         let (recent, boundary) = see(frame(2, Some(Action::FORWARD), true));
         assert_eq!(recent, Recent { action: Some(Action::TURN_LEFT), blocked: Some(Action::FORWARD) });
         // Only the same turn may follow, and that is what values will count on.
-        assert_eq!(boundary.unwrap().1, 1 << Action::TURN_LEFT.index());
+        assert_eq!(boundary.as_ref().unwrap().1, 1 << Action::TURN_LEFT.index());
 
         // It is the same after it was saved and restored.
         let mut snapshot = Snapshot::new();

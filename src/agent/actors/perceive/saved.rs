@@ -10,7 +10,6 @@ use super::super::saved::{action_of, link_bits, link_of, place_bits, place_of, r
 use super::super::tasks::ActionEnd;
 use super::{Pending, Perceive};
 use crate::robot::Action;
-use crate::scenario::Task;
 use crate::snapshot::{Persist, Snapshot, SnapshotError};
 use crate::value::{Transition, Window};
 use crate::vision::Observation;
@@ -23,6 +22,8 @@ struct Waiting {
     came_to: Option<([u64; 2], u32)>,
     #[serde(default)]
     blocked: bool,
+    #[serde(default)]
+    rewards: Vec<u64>,
     action: Option<usize>,
 }
 
@@ -68,14 +69,15 @@ impl Perceive {
             .map(|frame| Waiting {
                 frame: seen.add(&frame.observation),
                 link: frame.link.map(link_bits),
-                came_to: frame.boundary.map(|(end, allowed)| (place_bits(end.place), allowed)),
-                blocked: frame.boundary.is_some_and(|(end, _)| end.blocked),
+                came_to: frame.boundary.as_ref().map(|(end, allowed)| (place_bits(end.place), *allowed)),
+                blocked: frame.boundary.as_ref().is_some_and(|(end, _)| end.blocked),
+                rewards: frame.boundary.as_ref().map_or(Vec::new(), |(end, _)| bits(&end.rewards)),
                 action: frame.action.map(Action::index),
             })
             .collect();
         snapshot.value("last_boundary", &mut last_boundary)?;
         snapshot.value("pending", &mut pending)?;
-        if self.scenario.tasks.iter().any(Task::is_shown) {
+        if self.scenario.shows_any() {
             let of = |marked: &Marked| {
                 (marked.task, seen.add(&marked.observation), marked.place.map(|at| at.map(f64::to_bits)))
             };
@@ -103,12 +105,12 @@ impl Perceive {
                 link: waiting.link.map(link_of),
                 boundary: waiting
                     .came_to
-                    .map(|(place, allowed)| (ActionEnd { place: place_of(place), blocked: waiting.blocked }, allowed)),
+                    .map(|(place, allowed)| (end_of(place, waiting.blocked, &waiting.rewards), allowed)),
                 action: waiting.action.map(|number| action_of(snapshot, number)).transpose()?,
             })
         };
         self.pending = pending.into_iter().map(frame).collect::<Result<_, SnapshotError>>()?;
-        if self.scenario.tasks.iter().any(Task::is_shown) {
+        if self.scenario.shows_any() {
             let mut marks: Vec<SavedMark> = Vec::new();
             snapshot.value("marks", &mut marks)?;
             snapshot.value("marking", &mut self.marking)?;
@@ -116,7 +118,7 @@ impl Perceive {
                 Ok(Marked { task, observation: seen.get(frame)?, place: place.map(|bits| bits.map(f64::from_bits)) })
             };
             self.goals.marks = marks.into_iter().map(marked).collect::<Result<_, SnapshotError>>()?;
-            let tasks = self.scenario.tasks.len();
+            let tasks = self.scenario.names().count();
             snapshot.check("marks", self.goals.marks.iter().all(|marked| marked.task < tasks), "other tasks")?;
         }
         Ok(())
@@ -172,6 +174,18 @@ struct Stored {
     cell: usize,
     #[serde(default)]
     blocked: bool,
+    #[serde(default)]
+    rewards: Vec<u64>,
+}
+
+/// How an action ended, from what was saved of it.
+fn end_of(place: [u64; 2], blocked: bool, rewards: &[u64]) -> ActionEnd {
+    let rewards = rewards.iter().map(|&bits| f64::from_bits(bits)).collect();
+    ActionEnd { place: place_of(place), blocked, rewards }
+}
+
+fn bits(numbers: &[f64]) -> Vec<u64> {
+    numbers.iter().map(|number| number.to_bits()).collect()
 }
 
 /// The window of transitions, each with how it ended.
@@ -189,6 +203,7 @@ fn put_window(window: &PlaceWindow, seen: &mut Observations, snapshot: &mut Snap
             allowed: t.allowed,
             place: place_bits(t.result.place),
             blocked: t.result.blocked,
+            rewards: bits(&t.result.rewards),
             to: seen.add(&t.to),
             cell: t.cell,
         })
@@ -206,7 +221,7 @@ fn take_window(capacity: usize, seen: &Observations, snapshot: &mut Snapshot) ->
     let transition = |t: Stored| {
         action_of(snapshot, t.action)?;
         let (from, to) = (seen.get(t.from)?, seen.get(t.to)?);
-        let result = ActionEnd { place: place_of(t.place), blocked: t.blocked };
+        let result = end_of(t.place, t.blocked, &t.rewards);
         Ok((t.arrival, Transition { from, action: t.action, allowed: t.allowed, result, to, cell: t.cell }))
     };
     let entries: Result<Vec<_>, SnapshotError> = stored.into_iter().map(transition).collect();

@@ -208,10 +208,10 @@ function drawMap() {
     pen.strokeStyle = css('--ink'); pen.lineWidth = 7; pen.stroke();
     pen.strokeStyle = `rgb(${wall.colour.join(' ')})`; pen.lineWidth = 4.5; pen.stroke();
   }
-  const ring = ([x, y], radius, dashed, width) => {
+  const ring = ([x, y], radius, dashed, width, colour = '#2e8b57') => {
     pen.setLineDash(dashed ? [5, 4] : []);
     pen.lineWidth = width;
-    pen.strokeStyle = '#2e8b57';
+    pen.strokeStyle = colour;
     pen.beginPath(); pen.arc(...to([x, y]), Math.max(2, scale * radius), 0, 7); pen.stroke();
     pen.setLineDash([]);
   };
@@ -224,6 +224,15 @@ function drawMap() {
     pen.fillText(task.name, x, y + 4);
     pen.textAlign = 'left';
   });
+  for (const avoid of now.avoids) {
+    if (!avoid.at) continue;
+    ring(avoid.at, avoid.radius, false, 1.5, '#b3261e');
+    pen.textAlign = 'center';
+    pen.fillStyle = '#b3261e';
+    const [x, y] = to(avoid.at);
+    pen.fillText(avoid.name, x, y + 4);
+    pen.textAlign = 'left';
+  }
   for (const move of now.moves) ring([move.x, move.y], now.tasks[move.task].radius, true, 2);
   if (asked) ring([asked.x, asked.y], now.tasks[asked.task].radius, true, 2);
   if (now.pose) {
@@ -262,6 +271,48 @@ function mapButtons() {
     }));
   }
   [...$('maps').children].forEach((button, i) => button.setAttribute('aria-pressed', String(i === chosen)));
+}
+
+function placeRows() {
+  $('shown').hidden = !now.shown.length;
+  const names = now.shown.map((place) => place.name).join('\n');
+  if ($('places').dataset.names !== names) {
+    $('places').dataset.names = names;
+    $('places').replaceChildren(...now.shown.map((place) => {
+      const row = document.createElement('div');
+      row.className = 'buttons';
+      const button = (text, hint) => {
+        const made = document.createElement('button');
+        [made.type, made.textContent, made.title] = ['button', text, hint];
+        row.append(made);
+        return made;
+      };
+      const mark = (how) => press('/mark', { task: place.name, how });
+      const hold = button(place.avoid ? `Never go here: ${place.name}` : `This is ${place.name}`, 'Marks what the robot sees for as long as it is held');
+      let renew = 0;
+      const release = () => { if (renew) { clearInterval(renew); renew = 0; mark('release'); } };
+      hold.onpointerdown = (event) => {
+        hold.setPointerCapture(event.pointerId);
+        mark('hold');
+        renew ||= setInterval(() => mark('hold'), 500);
+      };
+      for (const end of ['onpointerup', 'onpointercancel', 'onlostpointercapture', 'onblur']) hold[end] = release;
+      // A keyboard holds a key down.
+      hold.onkeydown = (event) => { if ([' ', 'Enter'].includes(event.key) && !renew) { mark('hold'); renew = setInterval(() => mark('hold'), 500); } };
+      hold.onkeyup = release;
+      button('Turn round once', 'The robot turns once on the spot, and all that it sees is marked').onclick = () => mark('turn');
+      button('Forget', 'What was marked so far does not count any more').onclick = () => mark('forget');
+      row.append(document.createElement('span'));
+      return row;
+    }));
+  }
+  [...$('places').children].forEach((row, i) => {
+    const place = now.shown[i];
+    for (const button of row.querySelectorAll('button')) button.disabled = ended;
+    row.querySelector('button').setAttribute('aria-pressed', String(now.marking === place.name));
+    const count = place.marks ? `${many(place.marks)} frames marked` : 'not shown yet';
+    row.lastChild.textContent = now.marking === place.name ? `${count}, marking` : count;
+  });
 }
 
 function drawHealth() {
@@ -307,7 +358,8 @@ function draw() {
   $('map').classList.toggle('moving', moving);
   const d = now.decision;
   const values = d?.q_values.length ? ` (worth of forward ${short(d.q_values[0])}, left ${short(d.q_values[1])}, right ${short(d.q_values[2])})` : '';
-  $('decision').textContent = d ? `${d.task ? `On the way to ${d.task}` : 'Exploring'}: ${d.action}${d.reflex ? ', by reflex' : ''}${values}` : '';
+  $('decision').textContent = d ? `${d.task ? `On the way to ${d.task}` : 'Exploring'}: ${d.action}${d.reflex ? ', by reflex' : ''}${values}${now.pursuit ? `. Last pursuit: ${now.pursuit}` : ''}` : '';
+  placeRows();
   for (const id of ['camera', 'observation']) if (now[id]) $(id).src = now[id];
   mapButtons();
   drawMap();
