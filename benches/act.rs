@@ -10,13 +10,14 @@ use common::data::{D, frames};
 use common::operations::ACTIONS;
 use common::{Size, allowed, max_m, operations, simulation, standard};
 
-use adagio::policy::{Learned, Recent, Reflexes};
+use adagio::policy::{FloorMap, GoalRegion, Learned, Recent, Reflexes};
 use adagio::robot::Action;
 use adagio::scenario::Vision;
 use adagio::vision::Image;
 use adagio::vision::observe;
 use adagio::world::World;
 use divan::Bencher;
+use faer::Mat;
 
 fn main() {
     common::main();
@@ -47,6 +48,14 @@ fn decide_of_k(bencher: Bencher, size: Size) {
 #[divan::bench(args = allowed([5000, 20_000, 60_000].map(|n| Size::of(2000).k(K).n(n))), max_time = 2)]
 fn decide_locally_of_n(bencher: Bencher, size: Size) {
     decide(bencher, size);
+}
+
+/// With local values and a goal that was shown, against the number of marks, all of which are near.
+#[divan::bench(args = [40, 1000, 4000], max_time = 2)]
+fn decide_of_marks(bencher: Bencher, marks: usize) {
+    let robot = Robot::new(Size::of(2000).k(K).n(TRANSITIONS)).with_marks(marks);
+    let mut images = robot.images.iter().cycle();
+    bencher.bench_local(|| robot.decide(images.next().expect("a cycle has no end")));
 }
 
 fn decide(bencher: Bencher, size: Size) {
@@ -85,9 +94,23 @@ impl Robot {
         }
     }
 
+    /// With so many marks; every place on the map is so near them that all are looked at.
+    fn with_marks(mut self, marks: usize) -> Self {
+        let instances = self.learned.instances.clone().expect("local values");
+        let places = Mat::from_fn(2, instances.len(), |axis, j| ((j * (7 + axis)) % 100) as f64 / 100.0);
+        let map = FloorMap::new(instances.clone(), places.as_ref()).expect("a place for each state");
+        let points = instances.points();
+        let marks = Mat::from_fn(points.nrows(), marks, |i, k| points[(i, (k * 31) % points.ncols())]);
+        let region = GoalRegion::new(&map, marks, 100.0, [points, points]).expect("marks of the map's dimension");
+        self.learned = self.learned.with_regions(Some(map), vec![Some(region)]).expect("a map of these values");
+        self
+    }
+
     fn decide(&self, image: &Image) -> Action {
         let observation = observe(image, &self.vision, 0);
-        self.reflexes.best(&self.learned.q_values(&observation, 0), Recent::default()).0
+        let state = self.learned.state(&observation);
+        std::hint::black_box(state.is_there(0));
+        self.reflexes.best(&state.q_values(0), Recent::default()).0
     }
 }
 
@@ -113,8 +136,14 @@ fn percentiles() {
     println!("{:>20} {:>18} {:>8} {:>8} {:>8}", "", "", "p50", "p99", "largest");
     let mut other = vec![0u8; OTHER_WORK];
     let local = standard().into_iter().map(|size| size.n(TRANSITIONS));
-    for size in standard().into_iter().chain(local) {
-        let robot = Robot::new(size.k(K));
+    let sizes = standard().into_iter().chain(local).map(|size| (size, None));
+    let marked = [40, 1000, 4000].map(|marks| (Size::of(2000.min(max_m())).n(TRANSITIONS), Some(marks)));
+    for (size, marks) in sizes.chain(marked) {
+        let mut robot = Robot::new(size.k(K));
+        if let Some(marks) = marks {
+            println!("with {marks} marks:");
+            robot = robot.with_marks(marks);
+        }
         let mut images = robot.images.iter().cycle();
         let mut timed = || {
             let image = images.next().expect("a cycle has no end");

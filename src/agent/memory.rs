@@ -20,7 +20,11 @@ use crate::slow::{Method, SlowStream, solve_bytes};
 /// | models: in use, in trials, on their way (`w` of them wait for their frame) | `(6 + w) m(5d + 8k + 24·tasks)` |
 /// | linear values: the window, its features, policy iteration of `t` tasks side by side | `N(2d + (48 + 8t)(k + 1)) + (24 + 384t)(k + 1)²` |
 /// | local values: the window, its features, and of `n` neighbours and `p` coordinates the points and who is near | `N(2d + 8(k + 1) + 24p + 48n + 72 + 16·tasks)`, and `(6 + w) N(4p + 8·tasks)` for models |
+/// | what is shown: the map of the window, and `M` marks of the scenario | `N(12p + 16n + 160 + 16(6 + w))`, `M(d + (6 + w)(4p + 16))` |
 /// | images in the queue | `3 · width · height` each |
+///
+/// Where something is to be avoided, each task counts twice for local values. Marks that somebody makes while the run goes on are not
+/// counted.
 ///
 /// Beside it stand the program and what the allocator keeps. Where the solver's iteration cannot find the features, its
 /// dense reference takes `48m²` or, where the coordinates are redundant, `104m²` in its place; this is not counted.
@@ -53,11 +57,21 @@ impl Memory {
         let image = 3 * s.camera.width as u64 * s.camera.height as u64;
         let [m, d, k, n] = [m, d, features + 1, s.value.window.min(s.actions)].map(|size| size as u64);
         let [p, neighbours] = [s.value.metric_features.min(features), s.value.neighbours].map(|size| size as u64);
+        // Values are also fitted as if nothing was to be avoided.
+        let fits = if s.avoids.is_empty() { tasks } else { 2 * tasks };
+        let of_shows = s.shows.iter().map(|show| (show.headings * s.robot.frames_per_action) as u64);
+        let shown = match s.shows_any() {
+            true => {
+                let of_map = n * (12 * p + 16 * neighbours + 160 + 16 * (6 + waiting));
+                of_map + of_shows.sum::<u64>() * (d + (6 + waiting) * (4 * p + 16))
+            }
+            false => 0,
+        };
         let values = match s.value.method {
             Values::Lspi => n * (2 * d + (48 + 8 * side_by_side) * k) + (24 + 384 * side_by_side) * k * k,
             Values::Local => {
-                let of_models = (6 + waiting) * n * (4 * p + 8 * tasks);
-                n * (2 * d + 8 * k + 24 * p + 48 * neighbours + 72 + 16 * tasks) + of_models
+                let of_models = (6 + waiting) * n * (4 * p + 8 * fits);
+                n * (2 * d + 8 * k + 24 * p + 48 * neighbours + 72 + 16 * fits) + of_models
             }
         };
         let parts = [
@@ -68,6 +82,7 @@ impl Memory {
             ("solver", of_solver),
             ("models", (6 + waiting) * m * (5 * d + 8 * k + 24 * tasks)),
             ("values", values),
+            ("what is shown", shown),
             ("images", s.agent.queue as u64 * image),
         ];
         Memory { parts: parts.into_iter().filter(|part| part.1 > 0).collect() }

@@ -83,16 +83,22 @@ impl LogForecast {
         let model = (size_of::<f64>() * numbers) as f64 / scenario.agent.resolve_frames as f64;
         let health = speed.map_or(0.0, |speed| HEALTH_BYTES * scenario.robot.frame_seconds() / speed);
         let per_frame = measured + model + health;
+        let transitions = scenario.value.window.min(scenario.actions);
+        let coordinates = size_of::<f32>() * scenario.value.metric_features.min(k - 1);
+        let fits = if scenario.avoids.is_empty() { 1 } else { 2 };
         let of_values = match scenario.value.method {
             Method::Lspi => 0,
-            Method::Local => {
-                let coordinates = size_of::<f32>() * scenario.value.metric_features.min(k - 1);
-                let transitions = scenario.value.window.min(scenario.actions);
-                transitions * (coordinates + size_of::<f64>() * scenario.tasks.len())
-            }
+            Method::Local => transitions * (coordinates + size_of::<f64>() * fits * scenario.tasks.len()),
         };
-        let learned =
-            m * (size_of::<f32>() * d) as f64 + m * m.min(k as f64) * size_of::<f64>() as f64 + of_values as f64;
+        // The map of the floor: two coordinates of each state.
+        let of_map = match (scenario.shows_any(), scenario.value.method) {
+            (false, _) => 0,
+            (true, Method::Local) => transitions * 2 * size_of::<f64>(),
+            (true, Method::Lspi) => (transitions + 1) * (coordinates + 2 * size_of::<f64>()),
+        };
+        let learned = m * (size_of::<f32>() * d) as f64
+            + m * m.min(k as f64) * size_of::<f64>() as f64
+            + (of_values + of_map) as f64;
         let of_messages = frames * per_frame;
         let files = 1.0 + (of_messages / rotation.file_bytes as f64).floor();
         let hours = frames * scenario.robot.frame_seconds() / 3600.0;

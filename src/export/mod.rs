@@ -251,12 +251,13 @@ impl Export<'_> {
             fs::create_dir(&image_folder).map_err(failed(&image_folder))?;
         }
         let written = failed(self.out);
+        let places = scenario.names().count();
         let mut frames =
-            Frames::create(&self.table("frames")?, vision.height, vision.width, sonars).map_err(&written)?;
+            Frames::create(&self.table("frames")?, vision.height, vision.width, sonars, places).map_err(&written)?;
         let mut features = match model {
             Some(Model { learned, .. }) => {
                 let (folder, tasks) = (self.table("features")?, learned.weights.len());
-                Some((learned, Features::create(&folder, learned.model.features(), tasks).map_err(&written)?))
+                Some((learned, Features::create(&folder, learned.model.features(), tasks, places).map_err(&written)?))
             }
             None => None,
         };
@@ -267,7 +268,7 @@ impl Export<'_> {
             let ended = frame.is_none();
             if let Some(mut frame) = frame {
                 let pixels = tables::pixels(&mut frame);
-                frames.add(&frame, &pixels, sonars).map_err(&written)?;
+                frames.add(&frame, &pixels, sonars, places).map_err(&written)?;
                 if images {
                     write_image(&image_folder.join(format!("{:08}.png", frame.number)), &pixels, scenario)?;
                 }
@@ -276,7 +277,7 @@ impl Export<'_> {
             }
             if block.len() >= BLOCK || ended && !block.is_empty() {
                 if let Some((learned, features)) = &mut features {
-                    features.add(learned, &block).map_err(&written)?;
+                    features.add(learned, &block, places).map_err(&written)?;
                 }
                 block.clear();
             }

@@ -10,7 +10,7 @@ use super::npz::{Array, ArrayEntry};
 use crate::log::messages::{Decision, DictionaryGrowth, Evaluation, ModelUpdate, Transition};
 use crate::policy::{Learned, columns};
 use crate::scenario::Scenario;
-use crate::source::{Frame, View};
+use crate::source::{Frame, MarkKind, View};
 use crate::value::Instances;
 use crate::vision::{Observation, ZERO};
 
@@ -54,7 +54,7 @@ macro_rules! table {
 
 table! {
     /// One row for each frame.
-    Frames(height, width, sonars) {
+    Frames(height, width, sonars, places) {
         frame: u64 [] = "number of the frame",
         stamp_ns: u64 [] = "when it was taken, nanoseconds",
         observation: u8 [height, width, 3] = "what is learned from, RGB",
@@ -64,14 +64,17 @@ table! {
         pose: f64 [3] = "x, y (m), heading (rad), by an outside measurement",
         odometry: f64 [3] = "x, y (m), heading (rad), by the robot's own estimate",
         sonar: f32 [sonars] = "distances (m), the first straight ahead, counter-clockwise",
+        marked: bool [places] = "for each task, and behind them what is to be avoided: somebody marked it with this frame",
     }
 }
 
 table! {
     /// One row for each frame: what a model makes of its observation.
-    Features(features, tasks) {
+    Features(features, tasks, places) {
         features: f64 [features] = "slow features by the model, the constant one first, then the slowest",
         q_values: f64 [tasks, 3] = "for each task the value of each action: 0 forward, 1 left, 2 right",
+        place: f64 [2] = "x, y on the map that was learned, lengths of a move; not a number without a map",
+        there: bool [places] = "for each task, and behind them what is to be avoided: the model says that it is there, as far as it was shown",
     }
 }
 
@@ -186,7 +189,7 @@ fn fixed(values: &[f64], length: usize) -> Vec<f64> {
 
 impl Frames {
     /// Add a frame; its pixels are those of an observation.
-    pub fn add(&mut self, frame: &Frame, pixels: &[u8], sonars: usize) -> io::Result<()> {
+    pub fn add(&mut self, frame: &Frame, pixels: &[u8], sonars: usize, places: usize) -> io::Result<()> {
         let planar = |pose: &crate::robot::Pose| [pose.position.x, pose.position.y, pose.heading];
         let sonar: Vec<f32> = frame.sonar.iter().copied().chain(std::iter::repeat(f32::NAN)).take(sonars).collect();
         self.frame.push(&[frame.number])?;
@@ -197,7 +200,9 @@ impl Frames {
         self.blocked.push(&[frame.boundary.as_ref().is_some_and(|boundary| boundary.blocked)])?;
         self.pose.push(&frame.truth.as_ref().map_or([f64::NAN; 3], planar))?;
         self.odometry.push(&planar(&frame.odometry))?;
-        self.sonar.push(&sonar)
+        let here = |task: usize| frame.marks.iter().any(|mark| mark.task == task && mark.kind == MarkKind::Here);
+        self.sonar.push(&sonar)?;
+        self.marked.push(&(0..places).map(here).collect::<Vec<bool>>())
     }
 }
 
@@ -211,13 +216,21 @@ pub fn pixels(frame: &mut Frame) -> Vec<u8> {
 
 impl Features {
     /// Add what a model makes of observations.
-    pub fn add(&mut self, learned: &Learned, observations: &[Observation]) -> io::Result<()> {
+    pub fn add(&mut self, learned: &Learned, observations: &[Observation], places: usize) -> io::Result<()> {
         let x = columns(observations.iter());
         let features = learned.features(x.as_ref(), Par::Seq);
-        let values: Vec<_> = observations.par_iter().map(|seen| learned.q_values_of_all_tasks(seen)).collect();
-        for (j, values) in values.iter().enumerate() {
+        let look = |seen: &Observation| {
+            let state = learned.state(seen);
+            let values = (0..learned.weights.len()).flat_map(|task| state.q_values(task).to_vec());
+            let there = (0..places).map(|place| state.is_there(place));
+            (values.collect::<Vec<f64>>(), state.place().unwrap_or([f64::NAN; 2]), there.collect::<Vec<bool>>())
+        };
+        let looks: Vec<_> = observations.par_iter().map(look).collect();
+        for (j, (values, place, there)) in looks.iter().enumerate() {
             self.features.push(&column(features.as_ref(), j))?;
-            self.q_values.push(&values.iter().flat_map(|values| values.to_vec()).collect::<Vec<f64>>())?;
+            self.q_values.push(values)?;
+            self.place.push(place)?;
+            self.there.push(there)?;
         }
         Ok(())
     }

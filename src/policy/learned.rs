@@ -83,15 +83,27 @@ impl State<'_> {
     /// As [`Learned::q_values`].
     pub fn is_there(&self, task: usize) -> bool {
         let Some(Some(region)) = self.learned.regions.get(task) else { return false };
-        let (points, place) = match (&self.learned.values, &self.learned.map_points, &self.learned.map) {
-            (Values::Local(points), ..) => (points, self.local(points).1),
+        self.placed().is_some_and(|(point, place)| region.holds(point.col(0), place))
+    }
+
+    /// Where it is on the map, in lengths of a move, where there is one.
+    ///
+    /// # Panics
+    /// As [`Learned::q_values`].
+    pub fn place(&self) -> Option<[f64; 2]> {
+        self.placed().map(|placed| placed.1)
+    }
+
+    /// The point in coordinates of features, and its place on the map.
+    fn placed(&self) -> Option<(MatRef<'_, f32>, [f64; 2])> {
+        match (&self.learned.values, &self.learned.map_points, &self.learned.map) {
+            (_, _, None) | (Values::Linear(_), None, _) => None,
+            (Values::Local(points), ..) => Some((self.point(points), self.local(points).1?)),
             (Values::Linear(_), Some(points), Some(map)) => {
-                let place = map.places_of(self.point(points)).ok().map(|place| [place[(0, 0)], place[(1, 0)]]);
-                (points, place)
+                let place = map.places_of(self.point(points)).ok()?;
+                Some((self.point(points), [place[(0, 0)], place[(1, 0)]]))
             }
-            _ => return false,
-        };
-        place.is_some_and(|place| region.holds(self.point(points).col(0), place))
+        }
     }
 
     fn local(&self, points: &PixelPoints) -> &(Vec<ActionValues>, Option<[f64; 2]>) {

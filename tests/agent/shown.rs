@@ -253,12 +253,17 @@ fn marks_are_in_the_log_and_a_replay_has_them_again() {
     let folder = tempfile::tempdir().unwrap();
     let run = run_of(folder.path(), "run", &short());
     let file = std::fs::File::open(run.join("run_000.mcap")).unwrap();
-    let (mut marks, mut arrived) = (Vec::new(), 0);
+    let (mut marks, mut arrived, mut frame, mut marked_at, mut asked_at) = (Vec::new(), 0, 0, 0, Vec::new());
     for record in adagio::log::LogReader::new(file, "run_000.mcap") {
         let record = record.unwrap();
         let adagio::log::Record::Message { topic, .. } = &record else { continue };
         match &**topic {
-            "/adagio/mark" => marks.push(record.decode::<adagio::log::messages::Text>().unwrap().data),
+            "/adagio/frame" => frame = record.decode::<adagio::log::messages::FrameTaken>().unwrap().frame,
+            "/adagio/request" => asked_at.push(frame),
+            "/adagio/mark" => {
+                marks.push(record.decode::<adagio::log::messages::Text>().unwrap().data);
+                marked_at = frame;
+            }
             "/adagio/pursuit" => {
                 arrived += usize::from(record.decode::<adagio::log::messages::PursuitEnded>().unwrap().arrived);
             }
@@ -268,6 +273,15 @@ fn marks_are_in_the_log_and_a_replay_has_them_again() {
     // 8 headings of 5 frames.
     assert_eq!(marks.iter().filter(|mark| *mark == "centre").count(), 40);
     assert_eq!(marks.iter().filter(|mark| *mark == "corner").count(), 40);
+    // The second place has its policy with the next fit, which waits for no new frame but that by which the turn is over.
+    assert!(asked_at.iter().any(|&asked| (marked_at + 1..=marked_at + 5).contains(&asked)), "{marked_at} {asked_at:?}");
+    let output = adagio(folder.path(), &["export", "run", "--out", "arrays", "--json"]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    let about = std::fs::read_to_string(folder.path().join("arrays/about.json")).unwrap();
+    let about: serde_json::Value = serde_json::from_str(&about).unwrap();
+    let shape = |array: &str| about["files"]["frames.npz"][array]["shape"].clone();
+    assert_eq!([shape("marked"), shape("there")], [serde_json::json!([4501, 2]), serde_json::json!([4501, 2])]);
+    assert_eq!(shape("place"), serde_json::json!([4501, 2]));
     let reached: u64 =
         report(&run)["pursuits"].as_array().unwrap().iter().map(|of| of["reached"].as_u64().unwrap()).sum();
     assert_eq!(arrived as u64, reached);
