@@ -5,7 +5,7 @@ use nalgebra::Point2;
 use super::change::ChangeKind;
 use super::keys::Reader;
 use super::plan::{Plan, PlanFault, clearance};
-use super::sections::{Detail, Mode, Scenario, Task, WhenBehind};
+use super::sections::{Detail, Mode, Scenario, WhenBehind};
 
 /// What stands before the name in a mark that takes others back.
 pub(crate) const FORGET: &str = "forget ";
@@ -113,10 +113,10 @@ fn changes(s: &Scenario, reader: &mut Reader<'_>) {
         }
         let (key, tasks) = (format!("change.{index}.task"), s.tasks.len());
         if let ChangeKind::Goal { task, .. } = change.what
-            && s.tasks.get(task).is_some_and(Task::is_shown)
+            && s.tasks.get(task).is_some_and(|task| !task.needs_pose())
             && reader.sound(&[&key, "task"])
         {
-            let text = format!("= {task} has a goal that is shown: [[show]] moves it, not a [[change]]");
+            let text = format!("= {task} is no goal by coordinates: [[show]] moves one that is shown, nothing a pad");
             reader.fault_at(&key, text);
         }
         if let ChangeKind::Goal { task, .. } = change.what

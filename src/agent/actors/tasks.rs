@@ -61,7 +61,7 @@ impl Tasks {
         for goal in all {
             // A recording has what its scenario moved, too: that is done by then. A damaged one may have anything.
             let finite = goal.goal.iter().all(|value| value.is_finite());
-            let task = self.tasks.get_mut(goal.task).filter(|task| !task.is_shown());
+            let task = self.tasks.get_mut(goal.task).filter(|task| task.needs_pose());
             if let Some(task) = task.filter(|task| finite && task.goal != Some(goal.goal)) {
                 task.goal = Some(goal.goal);
                 moved.push(goal);

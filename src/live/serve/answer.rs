@@ -113,9 +113,9 @@ fn move_goal(shared: &Shared, body: &[u8]) -> Answer {
         let names: Vec<&str> = shared.scenario.tasks.iter().map(|task| task.name.as_str()).collect();
         return Err(wrong(format!("there is no task {:?}: there are {}", wanted.task, names.join(", "))));
     };
-    if shared.scenario.tasks[task].is_shown() {
+    if !shared.scenario.tasks[task].needs_pose() {
         return Err(wrong(format!(
-            "the goal of {:?} is shown by marks: it cannot be moved to coordinates",
+            "the goal of {:?} is told by marks or by a topic: it cannot be moved to coordinates",
             wanted.task
         )));
     }
