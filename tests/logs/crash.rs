@@ -502,7 +502,7 @@ fn a_file_that_cannot_be_written_ends_the_run_with_its_name_and_cause() {
         for (name, bytes, place) in [
             ("nothing", 0, "nothing/scenario.toml"),
             ("little", 8192, "little/scenario.toml"),
-            ("some", 18_432, "some/run_000.mcap"),
+            ("some", 24_576, "some/run_000.mcap"),
             ("more", 60_000, "more/checkpoint.safetensors"),
         ] {
             let output = limited(folder, bytes, &arguments(name, &["log.chunk_bytes=32768"]));
