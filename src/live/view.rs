@@ -51,6 +51,8 @@ pub struct TaskView {
     pub goal: Option<[f64; 2]>,
     /// Radius of the goal area, metres.
     pub radius: f64,
+    /// It is told by coordinates, and can be moved to others.
+    pub movable: bool,
 }
 
 /// A place that marks say.
@@ -320,6 +322,7 @@ impl Watcher {
                     name: task.name.clone(),
                     goal: gathered.goals.get(&task.name).copied().or(task.goal),
                     radius: task.radius,
+                    movable: task.needs_pose(),
                 };
                 scenario.tasks.iter().map(view).collect()
             }),

@@ -21,7 +21,7 @@ fn view() -> View {
         way: vec![[2.0, 1.5], [1.0, 0.5], [0.6, 0.5]],
         corners: Some(corners),
         walls: vec![WallView { points: vec![[x0, y0], [x1, y0], [x1, y1], [x0, y1], [x0, y0]], colour: [200, 10, 10] }],
-        tasks: vec![TaskView { name: "centre".to_owned(), goal: Some([1.5, 0.9]), radius: 0.2 }],
+        tasks: vec![TaskView { name: "centre".to_owned(), goal: Some([1.5, 0.9]), radius: 0.2, movable: true }],
         decision: Some(DecisionView {
             number: 2_469,
             action: "left",

@@ -352,7 +352,7 @@ function draw() {
   $('where').textContent = `frame ${many(now.frame)}, action ${many(now.actions)}${of}, ${many(now.seconds)} s of driving, model ${now.epoch}`;
   $('pause').textContent = now.pausing ? 'Go on' : 'Pause';
   for (const id of ['pause', 'stop']) $(id).disabled = ended;
-  $('move').disabled = ended || chosen >= now.tasks.length;
+  $('move').disabled = ended || !now.tasks[chosen]?.movable;
   $('move').setAttribute('aria-pressed', String(moving));
   $('move').textContent = chosen < now.tasks.length ? `Move the goal of ${now.tasks[chosen].name}` : 'Move the goal';
   $('map').classList.toggle('moving', moving);
