@@ -303,7 +303,7 @@ impl Shown {
         // What a map misses must not let the robot arrive too early, nor come too near.
         let missed = known.as_ref().map_or(0.0, |known| known.error().powi(2));
         let surely = |number: usize, within: f64| match number < scenario.tasks.len() {
-            true => (within * within - missed).max(within * within / 4.0).sqrt(),
+            true => (within * within - missed).max(within * within / 2.0).sqrt(),
             false => (within * within + missed).sqrt(),
         };
         // In lengths of a move.
