@@ -4,6 +4,8 @@
 
 mod actions;
 mod pose;
+mod velocity;
 
 pub use actions::{Action, ActionSet, ActionSpec, ActionValues, MOST_ACTIONS, Motion};
 pub use pose::{Pose, wrap};
+pub use velocity::{Limits, Velocity};

@@ -1,6 +1,7 @@
 //! Where frames come from.
 
 pub mod imported;
+pub mod live;
 mod recorded;
 mod segments;
 

@@ -1,0 +1,5 @@
+//! A robot that drives while the agent learns.
+
+mod base;
+
+pub use base::{Base, Reading, Received, Scan};
