@@ -194,6 +194,7 @@ pub(super) fn run_interleaved(
         goes_on,
         quiescence: &quiescence,
         speed: agent.speed.filter(|_| options.recording.is_none()),
+        record: recorder.clone(),
         controls: options.controls,
         status,
     };

@@ -6,8 +6,8 @@ use std::{fmt, marker::PhantomData};
 
 use super::messages::{
     Decision, DictionaryGrowth, Evaluation, FrameTaken, GoalMoved, Health, Image, LaserScan, Log, ModelRequest,
-    ModelUpdate, Odometry, PolicyUpdate, PoseStamped, PursuitEnded, RewardGiven, RunEnd, Text, Transition,
-    TwistStamped,
+    ModelUpdate, Odometry, PolicyUpdate, PoseStamped, PursuitEnded, RewardGiven, RobotInput, RobotState, RunEnd, Text,
+    Transition, TwistStamped,
 };
 use super::{Message, cdr};
 
@@ -97,6 +97,16 @@ topics! {
     MARK: Text = "/adagio/mark";
     /// Rewards from the robot's own software.
     REWARD: RewardGiven = "/adagio/reward";
+    /// What a robot that takes velocities is doing, and why it may not move.
+    ROBOT_STATE: RobotState = "/robot/state";
+    /// Velocities that a robot was sent.
+    ROBOT_COMMAND: TwistStamped = "/robot/cmd_vel";
+    /// Odometry of a robot, as it came.
+    ROBOT_ODOMETRY: Odometry = "/robot/odom";
+    /// Scans of a robot, as they came.
+    ROBOT_SCAN: LaserScan = "/robot/scan";
+    /// What else a robot said, as it came.
+    ROBOT_INPUT: RobotInput = "/robot/input";
     /// Pursuits that are over.
     PURSUIT: PursuitEnded = "/adagio/pursuit";
     /// Actions chosen.

@@ -157,6 +157,14 @@ impl<'t> Reader<'t> {
         !self.faults.iter().any(|fault| keys.iter().any(|key| concerns(fault, key)))
     }
 
+    /// Report a section that the scenario has no use for, if it is there.
+    pub fn refuse_section(&mut self, path: &str, why: &str) {
+        if let Some(value) = find(self.root.get_ref(), path) {
+            let line = Some(line_of(self.text, value.span().start));
+            self.faults.push(Fault { line, key: path.to_owned(), text: why.to_owned() });
+        }
+    }
+
     /// Report a fault that was found later at a key that was read.
     pub fn fault_at(&mut self, key: &str, text: String) {
         let line = self.lines.get(key).copied().flatten();

@@ -127,6 +127,9 @@ pub struct Boundary {
     pub blocked: bool,
 }
 
+/// Takes what happens beside frames.
+pub type Journal = Box<dyn Fn(live::Event) + Send>;
+
 /// A robot, simulated, real or recorded, that executes actions and gives frames.
 pub trait Source {
     /// The frame before the first action; none if there is not even one.
@@ -144,6 +147,9 @@ pub trait Source {
     fn persist(&mut self, _snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
         Err(SnapshotError::Unable("this source of frames"))
     }
+
+    /// Tell what happens beside frames, as it happens, until there is no journal any more.
+    fn keep_journal(&mut self, _journal: Option<Journal>) {}
 
     /// What came of another program's log so far, if that is where the frames are from.
     fn imported(&self) -> Option<ImportReport> {

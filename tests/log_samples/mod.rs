@@ -10,7 +10,8 @@ use adagio::log::{
     messages::{
         Decision, DictionaryGrowth, Evaluation, FrameTaken, GoalMoved, Header, Health, Image, LaserScan, Log,
         ModelRequest, ModelUpdate, Odometry, PolicyUpdate, Pose, PoseStamped, PoseWithCovariance, PursuitEnded,
-        RewardGiven, RunEnd, Text, Time, Transition, Twist, TwistStamped, TwistWithCovariance, Vector3,
+        RewardGiven, RobotInput, RobotState, RunEnd, Text, Time, Transition, Twist, TwistStamped, TwistWithCovariance,
+        Vector3,
     },
     topics,
 };
@@ -48,6 +49,11 @@ pub fn write_samples<W: Write>(
         on.put(topics::GOAL, goal(header.clone(), round))?;
         on.put(topics::MARK, Text { data: format!("centre {round}") })?;
         on.put(topics::REWARD, reward(header.clone(), round))?;
+        on.put(topics::ROBOT_STATE, state(header.clone(), round))?;
+        on.put(topics::ROBOT_COMMAND, TwistStamped { header: header.clone(), twist: twist(round) })?;
+        on.put(topics::ROBOT_ODOMETRY, odometry(header.clone(), round))?;
+        on.put(topics::ROBOT_SCAN, scan(header.clone(), round))?;
+        on.put(topics::ROBOT_INPUT, input(header.clone(), round))?;
         on.put(topics::PURSUIT, pursuit(header.clone(), round))?;
         on.put(topics::DECISION, decision(header.clone(), round))?;
         on.put(topics::TRANSITION, transition(header.clone(), round))?;
@@ -169,6 +175,15 @@ fn goal(header: Header, round: u32) -> GoalMoved {
 fn reward(header: Header, round: u32) -> RewardGiven {
     let task = "charger"[..round as usize % 7].into();
     RewardGiven { header, frame: u64::from(round) << 32, task, reward: 0.5 - f64::from(round) }
+}
+
+fn state(header: Header, round: u32) -> RobotState {
+    let causes = "no fresh camera image"[..round as usize % 9].into();
+    RobotState { header, state: "standing"[..round as usize % 8].into(), causes }
+}
+
+fn input(header: Header, round: u32) -> RobotInput {
+    RobotInput { header, name: "teleop"[..round as usize % 6].into(), values: numbers(round, round as usize % 3) }
 }
 
 fn pursuit(header: Header, round: u32) -> PursuitEnded {

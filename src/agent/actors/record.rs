@@ -12,8 +12,9 @@ use crate::evaluate::TaskResult;
 use crate::log::messages as msg;
 use crate::log::{LogError, Message, RunLog, RunTotals, Topic, topics};
 use crate::policy::{Behaviour, Learned, PursuitEnd};
-use crate::robot::{Action, ActionSet, Pose};
+use crate::robot::{Action, ActionSet, Pose, Velocity};
 use crate::scenario::Scenario;
+use crate::source::live::{Event, Reading, Received};
 use crate::source::{Frame, GoalMove, Mark, mark_text};
 use crate::vision::Observation;
 
@@ -145,6 +146,63 @@ impl Recorder {
         self.write(topics::FRAME, number, stamp, taken)
     }
 
+    /// What a robot that takes velocities said, was told, and is doing.
+    pub fn robot(&self, event: Event) -> Result<(), Closed> {
+        let header = |stamp_ns: u64, frame: &str| msg::Header::new(stamp_ns, frame);
+        match event {
+            Event::Heard(Received { stamp_ns, reading, .. }) => self.heard(stamp_ns, reading),
+            Event::Commanded { stamp_ns, velocity } => {
+                let message = msg::TwistStamped { header: header(stamp_ns, "base_link"), twist: twist(velocity) };
+                self.write(topics::ROBOT_COMMAND, 0, stamp_ns, message)
+            }
+            Event::Changed { stamp_ns, state, causes } => {
+                let (state, causes) = (state.name().to_owned(), causes.to_string());
+                let message = msg::RobotState { header: header(stamp_ns, "base_link"), state, causes };
+                self.write(topics::ROBOT_STATE, 0, stamp_ns, message)
+            }
+            Event::Note { stamp_ns, text } => self.diagnostic(Level::Warn, stamp_ns, text),
+        }
+    }
+
+    fn heard(&self, stamp_ns: u64, reading: Reading) -> Result<(), Closed> {
+        let header = |frame: &str| msg::Header::new(stamp_ns, frame);
+        let (name, values) = match reading {
+            // Marks are logged with their frames, and images as observations.
+            Reading::Image(_) | Reading::Mark(_) => return Ok(()),
+            Reading::Odometry { pose, velocity } => {
+                let odometry = msg::Odometry {
+                    header: header("odom"),
+                    child_frame_id: "base_link".into(),
+                    pose: msg::PoseWithCovariance { pose: planar(&pose), ..Default::default() },
+                    twist: msg::TwistWithCovariance { twist: twist(velocity), ..Default::default() },
+                };
+                return self.write(topics::ROBOT_ODOMETRY, 0, stamp_ns, odometry);
+            }
+            Reading::Scan(scan) => {
+                let (first, step) = (scan.first as f32, scan.step as f32);
+                let scan = msg::LaserScan {
+                    header: header("base_link"),
+                    angle_min: first,
+                    angle_max: first + step * scan.ranges.len().saturating_sub(1) as f32,
+                    angle_increment: step,
+                    range_max: f32::MAX,
+                    ranges: scan.ranges.clone(),
+                    ..Default::default()
+                };
+                return self.write(topics::ROBOT_SCAN, 0, stamp_ns, scan);
+            }
+            Reading::Bumper(pressed) => ("bumper", vec![f64::from(u8::from(pressed))]),
+            Reading::EmergencyStop(pressed) => ("emergency_stop", vec![f64::from(u8::from(pressed))]),
+            Reading::Lock(locked) => ("lock", vec![f64::from(u8::from(locked))]),
+            Reading::Teleop(Velocity { linear, angular }) => ("teleop", vec![linear, angular]),
+            Reading::Battery(charge) => ("battery", vec![charge]),
+            Reading::Pose(pose) => ("pose", vec![pose.position.x, pose.position.y, pose.heading]),
+            Reading::Reward { task, reward } => ("reward", vec![task as f64, reward]),
+        };
+        let message = msg::RobotInput { header: header("base_link"), name: name.to_owned(), values };
+        self.write(topics::ROBOT_INPUT, 0, stamp_ns, message)
+    }
+
     /// Tasks that moved with a frame.
     pub fn goals(&self, moved: &[GoalMove], frame: u64, stamp_ns: u64) -> Result<(), Closed> {
         for &GoalMove { task, goal: [x, y] } in moved {
@@ -209,10 +267,7 @@ impl Recorder {
         let (linear, angular) = (motion.distance / seconds, motion.angle / seconds);
         let command = msg::TwistStamped {
             header: msg::Header::new(stamp_ns, "base_link"),
-            twist: msg::Twist {
-                linear: msg::Vector3 { x: linear, y: 0.0, z: 0.0 },
-                angular: msg::Vector3 { x: 0.0, y: 0.0, z: angular },
-            },
+            twist: twist(Velocity { linear, angular }),
         };
         self.write(topics::COMMAND, frame, stamp_ns, command)?;
         let (behaviour, task) = match decision.leg {
@@ -361,6 +416,13 @@ impl Recorder {
     /// A file kept in the log.
     pub fn attach(&self, name: &'static str, bytes: Vec<u8>, stamp_ns: u64) -> Result<(), Closed> {
         self.outbox.put(Box::new(move |log| log.attach(name, "application/octet-stream", &bytes, stamp_ns)))
+    }
+}
+
+fn twist(velocity: Velocity) -> msg::Twist {
+    msg::Twist {
+        linear: msg::Vector3 { x: velocity.linear, y: 0.0, z: 0.0 },
+        angular: msg::Vector3 { x: 0.0, y: 0.0, z: velocity.angular },
     }
 }
 

@@ -4,11 +4,13 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use super::messages::Item;
+use super::record::Recorder;
 use crate::agent::runtime::controls::Controls;
 use crate::agent::runtime::marker::Quiescence;
 use crate::agent::runtime::queue::{Inbox, Outbox};
 use crate::agent::runtime::status::Status;
 use crate::robot::Action;
+use crate::source::live::Event;
 use crate::source::{Frame, Source};
 
 /// Longest time that the source waits until a snapshot has been taken out of the queue of frames.
@@ -27,12 +29,27 @@ pub struct SourceLoop<'a> {
     pub speed: Option<f64>,
     pub controls: Option<&'a Controls>,
     pub status: &'a Status,
+    pub record: Recorder,
 }
 
 impl SourceLoop<'_> {
     /// The source actor: the first frame, then the frames of each action. The last frame of an action is never dropped: nothing
     /// comes after it before it was seen and answered.
     pub fn run(self, source: &mut (dyn Source + Send)) {
+        let (record, status) = (self.record.clone(), self.status.clone());
+        source.keep_journal(Some(Box::new(move |event| {
+            if let Event::Changed { state, causes, .. } = &event {
+                let why = if causes.is_none() { String::new() } else { format!(": {causes}") };
+                status.update(|s| s.robot = Some(format!("{}{why}", state.name())));
+            }
+            // A closed log ends the run at the next decision.
+            let _ = record.robot(event);
+        })));
+        self.drive(source);
+        source.keep_journal(None);
+    }
+
+    fn drive(&self, source: &mut (dyn Source + Send)) {
         let (mut first_ns, mut next) = (None, None);
         let begin = Instant::now();
         let mut give = |mut frame: Frame| {

@@ -1,6 +1,6 @@
 //! What a run is doing right now, for those who watch.
 
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
 
 use super::queue::Gauge;
 use crate::policy::Tally;
@@ -32,17 +32,19 @@ pub struct StatusValues {
     pub act_p99_ms: f64,
     /// 99th percentile of the time to perceive a frame, milliseconds.
     pub frame_p99_ms: f64,
+    /// What a robot that takes velocities is doing, and why it may not move.
+    pub robot: Option<String>,
     /// Models that could not be made, with the reason of the last one.
     pub without_model: Option<String>,
     /// Name, depth and capacity of each queue.
     pub queues: Vec<(&'static str, usize, usize)>,
 }
 
-/// Shared between the actors, which write it, and whoever watches.
-#[derive(Default)]
+/// Shared between the actors, which write it, and whoever watches; clones are the same.
+#[derive(Clone, Default)]
 pub struct Status {
-    inner: Mutex<StatusValues>,
-    gauges: Mutex<Vec<Gauge>>,
+    inner: Arc<Mutex<StatusValues>>,
+    gauges: Arc<Mutex<Vec<Gauge>>>,
 }
 
 impl Status {

@@ -73,6 +73,26 @@ messages! {
         y: f64,
     } in Header Time;
 
+    /// What a robot that takes velocities is doing changed.
+    adagio_msgs / RobotState RobotState {
+        /// When.
+        header: Header,
+        /// What it is doing: standing, driving, driven by a person, stopped, held, ended.
+        state: String,
+        /// Why it may not move, or empty.
+        causes: String,
+    } in Header Time;
+
+    /// A robot, or somebody beside it, said something that is neither image, odometry nor scan.
+    adagio_msgs / RobotInput RobotInput {
+        /// When.
+        header: Header,
+        /// What: bumper, emergency_stop, lock, teleop, battery, pose, reward.
+        name: String,
+        /// Its numbers.
+        values: Vec<f64>,
+    } in Header Time;
+
     /// The robot's own software said what an action was worth to a task.
     adagio_msgs / RewardGiven RewardGiven {
         /// When the action ended.

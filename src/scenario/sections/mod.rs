@@ -3,12 +3,14 @@
 mod agent;
 mod conduct;
 mod learning;
+mod motion;
 mod robot;
 mod world;
 
 pub use agent::*;
 pub use conduct::*;
 pub use learning::*;
+pub use motion::{Equipment, Motion, Safety};
 pub use robot::*;
 pub use world::{Renderer, World};
 
@@ -32,6 +34,8 @@ pub struct Scenario {
     pub world: World,
     /// `[robot]`
     pub robot: Robot,
+    /// `[motion]` and `[safety]`, of robots that take velocities.
+    pub motion: Option<Motion>,
     /// `[camera]`
     pub camera: Camera,
     /// `[vision]`
@@ -73,6 +77,8 @@ impl Scenario {
             s.allow_sections(&[
                 "world",
                 "robot",
+                "motion",
+                "safety",
                 "camera",
                 "vision",
                 "dictionary",
@@ -93,12 +99,24 @@ impl Scenario {
                 s.count("actions", 15_000, "actions", 10, 1_000_000_000, "the run ends after this many"),
             )
         });
+        let world = World::read(reader, base);
+        let robot = reader.section("robot", "", Robot::read);
+        let motion = match robot.body {
+            Body::Kinematic => {
+                for section in ["motion", "safety"] {
+                    reader.refuse_section(section, "is for a robot that takes velocities: robot.body = \"dynamic\"");
+                }
+                None
+            }
+            Body::Dynamic => Some(Motion::read(reader)),
+        };
         let mut scenario = Scenario {
             name,
             seed,
             actions,
-            world: World::read(reader, base),
-            robot: reader.section("robot", "", Robot::read),
+            world,
+            robot,
+            motion,
             camera: reader.section("camera", "", Camera::read),
             vision: reader.section("vision", "camera image to observation", Vision::read),
             dictionary: reader.section("dictionary", "support vectors", Dictionary::read),

@@ -3,9 +3,20 @@
 use crate::robot::ActionSet;
 use crate::scenario::keys::{Range, Section};
 
+/// What the robot's actions move.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Body {
+    /// A disc in the simulation, which is where an action leads.
+    Kinematic,
+    /// A simulated body with a mass, which takes velocities.
+    Dynamic,
+}
+
 /// `[robot]`
 #[derive(Debug, Clone, PartialEq)]
 pub struct Robot {
+    /// What its actions move.
+    pub body: Body,
     /// Whether frames come with the true pose.
     pub pose_known: bool,
     /// Radius, metres.
@@ -102,6 +113,12 @@ impl Robot {
     pub(super) fn read(s: &mut Section<'_, '_>) -> Self {
         let share = Range::within(0.0, 0.5);
         Robot {
+            body: s.choice(
+                "body",
+                0,
+                &[("kinematic", Body::Kinematic), ("dynamic", Body::Dynamic)],
+                "a disc that is where an action leads, or a body with a mass that takes velocities",
+            ),
             pose_known: s.choice(
                 "pose",
                 0,

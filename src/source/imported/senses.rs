@@ -11,6 +11,7 @@ use crate::log::messages::{self as msg, Message, foreign};
 use crate::log::{FilesReader, LogError, Record, cdr};
 use crate::robot::{Action, Pose, wrap};
 use crate::scenario::Scenario;
+use crate::source::live::Scan;
 use crate::source::{Mark, parse_mark};
 use crate::vision::Observer;
 
@@ -323,7 +324,7 @@ impl Senses {
     fn scan(&mut self, data: &[u8], stamp_ns: u64) -> Result<(), LogError> {
         let scan: msg::LaserScan = cdr::decode(data)?;
         let robot = &self.scenario.robot;
-        let ring = ring(&scan, robot.sonars, robot.sonar_range as f32);
+        let ring = Scan::of(&scan).ring(robot.sonars, robot.sonar_range as f32);
         keep(&mut self.scans, (stamp_ns, ring), MOST_WAITING);
         Ok(())
     }
@@ -411,18 +412,4 @@ fn keep<T>(queue: &mut VecDeque<T>, entry: T, most: usize) {
 
 fn planar(pose: &msg::Pose) -> Pose {
     Pose::new(Point2::new(pose.position.x, pose.position.y), pose.heading())
-}
-
-/// A scan as a ring of sonars: each hears the nearest echo of its sector, and nothing where there is no ray.
-fn ring(scan: &msg::LaserScan, sonars: usize, reach: f32) -> Vec<f32> {
-    let mut ring = vec![reach; sonars];
-    let sector = std::f64::consts::TAU / sonars as f64;
-    for (i, &range) in scan.ranges.iter().enumerate() {
-        let angle = f64::from(scan.angle_min) + i as f64 * f64::from(scan.angle_increment);
-        if angle.is_finite() && range.is_finite() && range >= scan.range_min && range <= scan.range_max {
-            let index = (angle.rem_euclid(std::f64::consts::TAU) / sector).round() as usize % sonars;
-            ring[index] = ring[index].min(range);
-        }
-    }
-    ring
 }

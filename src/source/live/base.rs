@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use crate::log::messages::LaserScan;
 use crate::robot::{Pose, Velocity};
 use crate::snapshot::{Snapshot, SnapshotError};
 use crate::source::Mark;
@@ -83,6 +84,69 @@ pub struct Scan {
     pub first: f64,
     /// Angle between two of them, radians.
     pub step: f64,
-    /// Metres; infinite where there is nothing within range, not a number where nothing was measured.
+    /// Metres; what is no number, or infinite, is no echo.
     pub ranges: Vec<f32>,
+}
+
+impl Scan {
+    /// The scan of a message; what is outside of its range is no echo.
+    pub fn of(message: &LaserScan) -> Self {
+        let known = |&range: &f32| {
+            let within = range >= message.range_min && range <= message.range_max;
+            if within { range } else { f32::INFINITY }
+        };
+        let ranges = message.ranges.iter().map(known).collect();
+        Scan { first: f64::from(message.angle_min), step: f64::from(message.angle_increment), ranges }
+    }
+
+    /// The scan as a ring of sonars: each hears the nearest echo of its sector, and nothing where there is no ray.
+    pub fn ring(&self, sonars: usize, reach: f32) -> Vec<f32> {
+        let mut ring = vec![reach; sonars];
+        let sector = std::f64::consts::TAU / sonars as f64;
+        for (angle, range) in self.echoes() {
+            let index = (angle.rem_euclid(std::f64::consts::TAU) / sector).round() as usize % sonars;
+            ring[index] = ring[index].min(range);
+        }
+        ring
+    }
+
+    /// How far a disc with the robot's radius goes in a direction before it meets an echo, metres; infinite where there is none.
+    pub fn clearance(&self, direction: f64, radius: f64) -> f64 {
+        let way = |(angle, range): (f64, f32)| {
+            let (aside, along) = (angle - direction).sin_cos();
+            let (aside, along) = (f64::from(range) * aside, f64::from(range) * along);
+            let touches = along > 0.0 && aside.abs() < radius;
+            touches.then(|| along - (radius * radius - aside * aside).sqrt())
+        };
+        self.echoes().filter_map(way).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Angle and distance of each echo.
+    fn echoes(&self) -> impl Iterator<Item = (f64, f32)> {
+        let angle = |i: usize| self.first + i as f64 * self.step;
+        let echoes = self.ranges.iter().enumerate().filter(|(_, range)| range.is_finite());
+        echoes.map(move |(i, &range)| (angle(i), range)).filter(|(angle, _)| angle.is_finite())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_disc_goes_as_far_as_echoes_let_it() {
+        let quarter = std::f64::consts::FRAC_PI_2;
+        let (none, unknown) = (f32::INFINITY, f32::NAN);
+        let scan = |ranges: Vec<f32>| Scan { first: -quarter, step: quarter, ranges };
+        let near = scan(vec![0.3, 1.0, none]);
+        assert!((near.clearance(0.0, 0.25) - 0.75).abs() < 1e-6, "{}", near.clearance(0.0, 0.25));
+        assert!((near.clearance(-quarter, 0.25) - 0.05).abs() < 1e-6);
+        assert_eq!(near.clearance(2.0 * quarter, 0.25), f64::INFINITY);
+        assert_eq!(scan(vec![none, unknown, unknown]).clearance(0.0, 0.25), f64::INFINITY);
+        // Something that the disc's rim will meet beside its centre.
+        let aside = Scan { first: (0.2_f64).atan2(0.5), step: 1.0, ranges: vec![0.5_f64.hypot(0.2) as f32] };
+        assert!((aside.clearance(0.0, 0.25) - 0.35).abs() < 1e-6);
+        assert_eq!(aside.clearance(0.0, 0.19), f64::INFINITY);
+        assert_eq!(near.ring(4, 5.0), [1.0, 5.0, 5.0, 0.3]);
+    }
 }

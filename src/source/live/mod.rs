@@ -1,5 +1,123 @@
 //! A robot that drives while the agent learns.
+//!
+//! [`Base`] is the seam: readings come in, velocities go out. [`Drive`] makes frames and velocities of them. [`Live`] is the source
+//! that runs both, in simulated time or in real time.
 
 mod base;
+mod drive;
+#[cfg(test)]
+mod tests;
 
 pub use base::{Base, Reading, Received, Scan};
+pub use drive::{Drive, Event, Unused};
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use crate::robot::Action;
+use crate::scenario::{Equipment, Motion, Scenario};
+use crate::snapshot::{Snapshot, SnapshotError};
+use crate::source::{Frame, Journal, Source};
+
+/// What people ask of a robot from other threads.
+#[derive(Debug, Clone, Default)]
+pub struct Switches {
+    /// The run is paused.
+    pub paused: Arc<AtomicBool>,
+    /// The run is to end.
+    pub stop: Arc<AtomicBool>,
+    /// Somebody lets the robot go on; taken back when it was heard.
+    pub go_on: Arc<AtomicBool>,
+}
+
+/// A robot as a source of frames: the loop of control goes on while an action is executed.
+pub struct Live<B> {
+    base: B,
+    drive: Drive,
+    switches: Switches,
+    journal: Option<Journal>,
+    period: Duration,
+    /// When the next velocity is due.
+    next: Duration,
+}
+
+impl<B: Base> Live<B> {
+    /// A robot that stands; its frames are counted from `number`.
+    pub fn new(scenario: Arc<Scenario>, motion: Motion, equipment: Equipment, base: B, number: u64) -> Self {
+        let (period, next) = (motion.period(), base.now());
+        let drive = Drive::new(scenario, motion, equipment, number);
+        Live { base, drive, switches: Switches::default(), journal: None, period, next }
+    }
+
+    /// The same, with what people ask of it.
+    pub fn with_switches(self, switches: Switches) -> Self {
+        Live { switches, ..self }
+    }
+
+    /// One step of control.
+    fn cycle(&mut self) {
+        self.next = self.base.now().max(self.next) + self.period;
+        let drive = &mut self.drive;
+        self.base.receive(self.next, &mut |received| drive.hear(received));
+        let safety = drive.safety();
+        safety.pause(self.switches.paused.load(Ordering::Relaxed));
+        if self.switches.go_on.swap(false, Ordering::Relaxed) {
+            safety.release();
+        }
+        if self.switches.stop.load(Ordering::Relaxed) {
+            safety.end();
+        }
+        let velocity = drive.step(self.base.now());
+        self.base.command(velocity);
+        while let Some(event) = drive.event() {
+            if let Some(journal) = &self.journal {
+                journal(event);
+            }
+        }
+    }
+
+    /// Go on until a boundary was given; whether there may be more.
+    fn run(&mut self, give: &mut dyn FnMut(Frame) -> bool) -> bool {
+        loop {
+            while let Some(frame) = self.drive.frame() {
+                let ends = frame.boundary.is_some();
+                if !give(frame) {
+                    return false;
+                }
+                if ends {
+                    return true;
+                }
+            }
+            if self.switches.stop.load(Ordering::Relaxed) {
+                self.cycle();
+                return false;
+            }
+            self.cycle();
+        }
+    }
+}
+
+impl<B: Base> Source for Live<B> {
+    fn first(&mut self) -> Option<Frame> {
+        let mut first = None;
+        self.run(&mut |frame| {
+            first = Some(frame);
+            true
+        });
+        first
+    }
+
+    fn execute(&mut self, action: Action, give: &mut dyn FnMut(Frame) -> bool) -> bool {
+        self.drive.order(action);
+        self.run(give)
+    }
+
+    fn keep_journal(&mut self, journal: Option<Journal>) {
+        self.journal = journal;
+    }
+
+    fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
+        self.base.persist(snapshot)
+    }
+}

@@ -1,0 +1,411 @@
+//! From readings to frames and velocities, step by step.
+//!
+//! [`Drive`] joins [`Controller`] and [`Safety`]: it is told everything that comes in, and asked at each control step which
+//! velocity to command. It knows no clock, thread or network: the same code drives a simulated body and a robot.
+//!
+//! Frames are the images at the scenario's interval while an action goes on. An action ends with the first image that was taken
+//! after the robot stood still; nothing more is taken until the next action. Where the robot was moved between two actions, or its
+//! odometry has jumped, the next frame belongs to no action: what was before it has nothing to do with it.
+
+use std::collections::VecDeque;
+use std::hash::{DefaultHasher, Hasher};
+use std::sync::Arc;
+use std::time::Duration;
+
+use super::base::{Reading, Received, Scan};
+use crate::robot::{
+    Action, ActionSet, Cause, Causes, Controller, DriveState, MotionEnd, Odometry, Pose, RobotClock, Safety, Velocity,
+    wrap,
+};
+use crate::scenario::{Equipment, Motion, Scenario};
+use crate::source::{Boundary, Frame, Mark, View};
+use crate::vision::Image;
+
+/// Poses that are kept for images that come in later than these, nanoseconds.
+const KEPT_NS: u64 = 2_000_000_000;
+
+/// A stamp that is earlier than the one before by more than this: the robot's clock was set back, nanoseconds.
+const SET_BACK_NS: u64 = 1_000_000_000;
+
+/// Images are taken that come a little before their time, as a share of the interval.
+const EARLY: f64 = 0.1;
+
+/// A robot was moved between two actions if it is farther from where it stood: metres, radians.
+const MOVED: [f64; 2] = [0.05, 0.1];
+
+/// Odometry that goes so many times as fast as the limits allow, and this far besides, has jumped: metres, radians.
+const JUMP: (f64, [f64; 2]) = (3.0, [0.2, 0.5]);
+
+/// What is to be logged as it happens.
+#[derive(Debug, Clone)]
+pub enum Event {
+    /// What came in, as it came; images are not among them.
+    Heard(Received),
+    /// A velocity was commanded.
+    Commanded {
+        /// By the robot's clock, nanoseconds since 1970, as far as it is known.
+        stamp_ns: u64,
+        /// The velocity.
+        velocity: Velocity,
+    },
+    /// What is being done has changed.
+    Changed {
+        /// By the robot's clock, nanoseconds since 1970, as far as it is known.
+        stamp_ns: u64,
+        /// What is being done now.
+        state: DriveState,
+        /// Why the robot may not move.
+        causes: Causes,
+    },
+    /// Something worth a word.
+    Note {
+        /// By the robot's clock, nanoseconds since 1970, as far as it is known.
+        stamp_ns: u64,
+        /// The words.
+        text: String,
+    },
+}
+
+/// What came in and was not used.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Unused {
+    /// Readings whose stamp is not later than that of the one before.
+    pub out_of_order: u64,
+    /// Readings with values that are no numbers.
+    pub not_finite: u64,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+enum Phase {
+    /// It waits for an action.
+    Idle,
+    /// It stands or is to stand, and the next image says where.
+    Look,
+    /// An action is on its way.
+    Doing { action: Action, controller: Controller },
+    /// An action is over; the first image of this stamp or a later one ends it.
+    Ending { action: Action, blocked: bool, from_ns: u64 },
+}
+
+/// The times of a topic's readings.
+#[derive(Debug, Clone, Copy, Default)]
+struct Order {
+    last_ns: Option<u64>,
+}
+
+impl Order {
+    /// Whether a reading is later than the one before.
+    fn accepts(&mut self, stamp_ns: u64) -> bool {
+        let later = self.last_ns.is_none_or(|last| stamp_ns > last || last - stamp_ns > SET_BACK_NS);
+        if later {
+            self.last_ns = Some(stamp_ns);
+        }
+        later
+    }
+}
+
+/// Readings in, frames and velocities out.
+pub struct Drive {
+    scenario: Arc<Scenario>,
+    motion: Motion,
+    actions: ActionSet,
+    interval_ns: u64,
+    safety: Safety,
+    clock: RobotClock,
+    phase: Phase,
+    images: Order,
+    odometries: Order,
+    scans: Order,
+    /// Odometry and true poses of the last seconds, by stamp.
+    odometry: VecDeque<(u64, Odometry)>,
+    poses: VecDeque<(u64, Pose)>,
+    sonar: Vec<f32>,
+    rewards: Vec<f64>,
+    marks: Vec<Mark>,
+    /// A number for the pixels of the newest image.
+    pixels: Option<u64>,
+    bumper: bool,
+    number: u64,
+    /// Stamp of the newest frame.
+    taken_ns: Option<u64>,
+    /// Where odometry was when an action ended.
+    stood: Option<Pose>,
+    told: (DriveState, Causes),
+    last_step: Option<Duration>,
+    frames: VecDeque<Frame>,
+    events: VecDeque<Event>,
+    unused: Unused,
+}
+
+impl Drive {
+    /// A robot of which nothing was heard; frames are counted from `number`.
+    pub fn new(scenario: Arc<Scenario>, motion: Motion, equipment: Equipment, number: u64) -> Self {
+        let settings = motion.safety_of(scenario.robot.radius, equipment);
+        let any_reward = scenario.tasks.iter().any(|task| task.topic.is_some());
+        Drive {
+            actions: scenario.robot.actions(),
+            interval_ns: (1e9 * scenario.robot.frame_seconds()) as u64,
+            safety: Safety::new(settings),
+            clock: RobotClock::default(),
+            phase: Phase::Look,
+            images: Order::default(),
+            odometries: Order::default(),
+            scans: Order::default(),
+            odometry: VecDeque::new(),
+            poses: VecDeque::new(),
+            sonar: vec![scenario.robot.sonar_range as f32; scenario.robot.sonars],
+            rewards: vec![f64::NAN; if any_reward { scenario.tasks.len() } else { 0 }],
+            marks: Vec::new(),
+            pixels: None,
+            bumper: false,
+            number,
+            taken_ns: None,
+            stood: None,
+            told: (DriveState::Standing, Causes::NONE),
+            last_step: None,
+            frames: VecDeque::new(),
+            events: VecDeque::new(),
+            unused: Unused::default(),
+            motion,
+            scenario,
+        }
+    }
+
+    /// When the robot may move.
+    pub fn safety(&mut self) -> &mut Safety {
+        &mut self.safety
+    }
+
+    /// The next frame that is ready.
+    pub fn frame(&mut self) -> Option<Frame> {
+        self.frames.pop_front()
+    }
+
+    /// The next event that was not taken yet.
+    pub fn event(&mut self) -> Option<Event> {
+        self.events.pop_front()
+    }
+
+    /// What came in and was not used.
+    pub fn unused(&self) -> Unused {
+        self.unused
+    }
+
+    /// Do an action. Where the robot does something else, or was moved since the last frame, what it sees now comes first.
+    pub fn order(&mut self, action: Action) {
+        if self.phase != Phase::Idle {
+            return;
+        }
+        let moved = match (self.stood, self.odometry.back()) {
+            (Some(stood), Some((_, now))) => {
+                let (way, angle) =
+                    ((now.pose.position - stood.position).norm(), wrap(now.pose.heading - stood.heading));
+                way > MOVED[0] || angle.abs() > MOVED[1]
+            }
+            _ => true,
+        };
+        self.phase = match moved {
+            true => Phase::Look,
+            false => Phase::Doing { action, controller: Controller::new(self.actions.motion(action)) },
+        };
+    }
+
+    /// Something came in.
+    pub fn hear(&mut self, received: Received) {
+        let Received { at, stamp_ns, ref reading } = received;
+        let logged = match reading {
+            Reading::Image(_) => None,
+            _ => Some(received.clone()),
+        };
+        match received.reading {
+            Reading::Image(image) => self.see(at, stamp_ns, image),
+            Reading::Odometry { pose, velocity } => self.hear_odometry(at, stamp_ns, Odometry { pose, velocity }),
+            Reading::Scan(scan) => self.hear_scan(at, stamp_ns, &scan),
+            Reading::Bumper(pressed) => self.bumper = pressed,
+            Reading::EmergencyStop(pressed) => self.safety.hear_emergency_stop(at, pressed),
+            Reading::Lock(locked) => self.safety.hear_lock(at, locked),
+            Reading::Teleop(velocity) => self.safety.hear_person(at, velocity),
+            Reading::Battery(charge) => self.safety.hear_battery(charge),
+            Reading::Pose(pose) => keep(&mut self.poses, stamp_ns, pose),
+            Reading::Reward { task, reward } => {
+                if let Some(place) = self.rewards.get_mut(task) {
+                    *place = reward;
+                }
+            }
+            Reading::Mark(mark) => self.marks.push(mark),
+        }
+        self.events.extend(logged.map(Event::Heard));
+    }
+
+    /// The velocity to command at a time.
+    pub fn step(&mut self, now: Duration) -> Velocity {
+        let passed = self.last_step.replace(now).map_or(Duration::ZERO, |last| now.saturating_sub(last));
+        let newest = self.odometry.back().map(|&(_, odometry)| odometry);
+        let wanted = match (&mut self.phase, newest) {
+            (Phase::Doing { controller, .. }, Some(odometry)) => {
+                if self.bumper && controller.advances() {
+                    controller.obstruct();
+                }
+                Some(controller.step(&self.motion.settings, now, &odometry))
+            }
+            _ => None,
+        };
+        let velocity = self.safety.step(now, wanted);
+        let (state, causes) = (self.safety.state(), self.safety.causes());
+        if let Phase::Doing { action, controller } = &mut self.phase {
+            if causes.has(Cause::Near) && controller.advances() {
+                controller.obstruct();
+            } else if state != DriveState::Driving {
+                controller.wait(passed);
+            }
+            if let Some(end) = controller.ended() {
+                let blocked = end == MotionEnd::Blocked || end == MotionEnd::TimedOut && controller.share() < 0.5;
+                let (action, from_ns) = (*action, self.stamp());
+                if end == MotionEnd::TimedOut {
+                    self.note(format!("{} took too long: it ends where it is", self.actions.name(action)));
+                }
+                self.phase = Phase::Ending { action, blocked, from_ns };
+            }
+        }
+        if state == DriveState::Driven {
+            self.leave_action();
+        }
+        if let Some(ahead) = self.clock.jump() {
+            self.note(format!("the robot's clock has gone {ahead:+.3} s against ours"));
+        }
+        let stamp_ns = self.stamp();
+        if (state, causes) != self.told {
+            self.told = (state, causes);
+            self.events.push_back(Event::Changed { stamp_ns, state, causes });
+        }
+        self.events.push_back(Event::Commanded { stamp_ns, velocity });
+        velocity
+    }
+
+    /// What was being done is not done any more, and nobody knows what came of it.
+    fn leave_action(&mut self) {
+        self.phase = Phase::Look;
+    }
+
+    fn note(&mut self, text: String) {
+        let stamp_ns = self.stamp();
+        self.events.push_back(Event::Note { stamp_ns, text });
+    }
+
+    /// The newest stamp.
+    fn stamp(&self) -> u64 {
+        self.odometries.last_ns.max(self.images.last_ns).unwrap_or_default()
+    }
+
+    fn hear_odometry(&mut self, at: Duration, stamp_ns: u64, odometry: Odometry) {
+        let Pose { position, heading } = odometry.pose;
+        if ![position.x, position.y, heading].iter().all(|value| value.is_finite()) || !odometry.velocity.is_finite() {
+            self.unused.not_finite += 1;
+            return;
+        }
+        let before = self.odometries.last_ns;
+        if !self.odometries.accepts(stamp_ns) {
+            self.unused.out_of_order += 1;
+            return;
+        }
+        self.safety.hear_odometry(self.clock.sensed_at(at, stamp_ns), &odometry);
+        if let (Some(before_ns), Some(&(_, before))) = (before, self.odometry.back()) {
+            let seconds = stamp_ns.saturating_sub(before_ns) as f64 / 1e9;
+            let limits = self.motion.settings.limits;
+            let way = (position - before.pose.position).norm();
+            let angle = wrap(heading - before.pose.heading).abs();
+            let (times, besides) = JUMP;
+            if way > times * limits.speed * seconds + besides[0]
+                || angle > times * limits.turn_speed * seconds + besides[1]
+            {
+                self.note(format!("odometry has jumped by {way:.2} m and {:.0}°", angle.to_degrees()));
+                self.leave_action();
+                self.odometry.clear();
+            }
+        }
+        keep(&mut self.odometry, stamp_ns, odometry);
+    }
+
+    fn hear_scan(&mut self, at: Duration, stamp_ns: u64, scan: &Scan) {
+        if !self.scans.accepts(stamp_ns) {
+            self.unused.out_of_order += 1;
+            return;
+        }
+        let robot = &self.scenario.robot;
+        self.safety.hear_scan(
+            self.clock.sensed_at(at, stamp_ns),
+            scan.clearance(0.0, robot.radius),
+            scan.clearance(std::f64::consts::PI, robot.radius),
+        );
+        self.sonar = scan.ring(robot.sonars, robot.sonar_range as f32);
+    }
+
+    fn see(&mut self, at: Duration, stamp_ns: u64, image: Image) {
+        if !self.images.accepts(stamp_ns) {
+            self.unused.out_of_order += 1;
+            return;
+        }
+        let mut hasher = DefaultHasher::new();
+        hasher.write(&image.rgb);
+        let pixels = Some(hasher.finish());
+        let changed = std::mem::replace(&mut self.pixels, pixels) != pixels;
+        self.safety.see(self.clock.sensed_at(at, stamp_ns), changed);
+        let waited = self.taken_ns.is_none_or(|taken| {
+            let interval = (1.0 - EARLY) * self.interval_ns as f64;
+            // A clock that was set back is a clock like another.
+            stamp_ns < taken || (stamp_ns - taken) as f64 >= interval
+        });
+        let (state, still) = (self.safety.state(), self.safety.is_still());
+        let stands = still && state == DriveState::Standing;
+        match self.phase {
+            Phase::Doing { action, .. } if waited && state == DriveState::Driving => {
+                self.take(stamp_ns, image, Some(action), None);
+            }
+            Phase::Ending { action, blocked, from_ns } if stamp_ns >= from_ns || from_ns - stamp_ns > SET_BACK_NS => {
+                self.take(stamp_ns, image, Some(action), Some(Boundary { blocked }));
+                self.phase = Phase::Idle;
+            }
+            Phase::Look if stands && self.last_step.is_some_and(|now| self.safety.is_fresh(now)) => {
+                self.take(stamp_ns, image, None, Some(Boundary { blocked: false }));
+                self.phase = Phase::Idle;
+            }
+            _ => {}
+        }
+    }
+
+    fn take(&mut self, stamp_ns: u64, image: Image, action: Option<Action>, boundary: Option<Boundary>) {
+        let Some(odometry) = nearest(&self.odometry, stamp_ns) else { return };
+        let ends = action.is_some() && boundary.is_some();
+        // Stamps of frames never go back, whatever the robot's clock does.
+        let stamp_ns = self.taken_ns.map_or(stamp_ns, |taken| stamp_ns.max(taken + 1));
+        self.frames.push_back(Frame {
+            number: self.number,
+            stamp_ns,
+            view: View::Image(image),
+            truth: nearest(&self.poses, stamp_ns).filter(|_| self.scenario.robot.pose_known),
+            odometry: odometry.pose,
+            sonar: self.sonar.clone(),
+            action,
+            boundary,
+            moved: Vec::new(),
+            marks: std::mem::take(&mut self.marks),
+            rewards: if ends { self.rewards.clone() } else { Vec::new() },
+        });
+        if boundary.is_some() {
+            self.stood = Some(odometry.pose);
+        }
+        self.number += 1;
+        self.taken_ns = Some(stamp_ns);
+    }
+}
+
+/// Keep what was sensed with a stamp, and forget what is too old.
+fn keep<T>(kept: &mut VecDeque<(u64, T)>, stamp_ns: u64, value: T) {
+    kept.retain(|&(stamp, _)| stamp < stamp_ns && stamp_ns - stamp <= KEPT_NS);
+    kept.push_back((stamp_ns, value));
+}
+
+/// What was sensed nearest to a stamp.
+fn nearest<T: Copy>(kept: &VecDeque<(u64, T)>, stamp_ns: u64) -> Option<T> {
+    kept.iter().min_by_key(|&&(stamp, _)| stamp.abs_diff(stamp_ns)).map(|&(_, value)| value)
+}
