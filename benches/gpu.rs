@@ -12,10 +12,9 @@ use common::simulation;
 
 use adagio::gpu::{Adapters, Gpu, GpuError, Of, Rows, Tile};
 use adagio::kernel::{Kernel, squared_norms};
-use adagio::robot::Pose;
 use adagio::slow::SlowModel;
 use adagio::vision::Image;
-use adagio::world::{Appearance, World};
+use adagio::world::{Appearance, Eye, World};
 use faer::{Mat, MatRef, Par};
 use rayon::prelude::*;
 
@@ -145,12 +144,12 @@ fn views(gpu: &Arc<Gpu>, (width, height): (usize, usize), count: usize) {
     let scenario = simulation::scenario("lab.toml", &sets.each_ref().map(String::as_str));
     let world = World::new(&scenario).expect("a scenario without image files");
     let device = Appearance::new(&scenario).expect("a scenario without image files").on(gpu.clone());
-    let poses: Vec<(Pose, u64)> =
-        simulation::poses(&scenario).into_iter().cycle().take(count).map(|pose| (pose, 0)).collect();
+    let poses = simulation::poses(&scenario).into_iter().cycle();
+    let poses: Vec<Eye> = poses.take(count).map(|pose| Eye::from((pose, 0))).collect();
     let mut images = vec![Image::default(); count];
     let by_device = rate(count, || assert!(device.render_by_device(0, &poses, &mut images), "the device has failed"));
     let by_processor = rate(count, || {
-        let each = |(image, (pose, _)): (&mut Image, &(Pose, u64))| world.appearance.render_into(pose, 0, 0, image);
+        let each = |(image, eye): (&mut Image, &Eye)| world.appearance.render_into(eye, 0, image);
         images.par_iter_mut().zip(&poses).for_each(each);
     });
     println!("| {width} × {height} | {count} | {by_device:.0} | {by_processor:.0} | {:.2} |", by_device / by_processor);

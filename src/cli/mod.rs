@@ -17,6 +17,7 @@ mod recover;
 mod replay;
 mod report;
 mod resume;
+mod robot;
 mod run;
 mod soak;
 mod steps;

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use super::drive::{self, Drive, log_options, metadata};
-use super::{Ending, ResumeArgs};
+use super::{Ending, ResumeArgs, robot};
 use crate::agent::{STATE_NAME, SavedState, read_state};
 use crate::log::run::Repeating;
 use crate::log::{Folder, RunLog, log_files};
@@ -13,7 +13,6 @@ use crate::replay::Recording;
 use crate::report::{Numbered, Origin, Program, Report};
 use crate::scenario::Scenario;
 use crate::source::{Recorded, Resumed};
-use crate::world::Simulated;
 use crate::world::World;
 
 /// Go on with a run that was ended before its last action: by Ctrl-C, by a kill, by a power loss.
@@ -92,7 +91,7 @@ fn go_on(
         curve = recording.curve(kept.frame, &scenario);
     }
     let log = log.expecting(expected, Repeating::Skip);
-    let mut source = Resumed::new(recorded, Simulated::new(scenario.clone(), world.clone()));
+    let mut source = Resumed::new(recorded, robot::open(&scenario, &world));
     let drive = Drive {
         recording: Some(&course),
         report: !args.no_report,

@@ -5,13 +5,12 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use super::drive::{self, Drive};
-use super::{Ending, RunArgs, folder};
+use super::{Ending, RunArgs, folder, robot};
 use crate::agent::{self, Memory};
 use crate::live::serve::{ServeError, Server};
 use crate::report::{Origin, Report};
 use crate::scenario::{OverMemory, Scenario, ScenarioError};
 use crate::soak::Sampler;
-use crate::world::Simulated;
 use crate::world::World;
 
 /// Run a scenario in a new folder, evaluate what was learned, and write the report.
@@ -110,7 +109,7 @@ pub fn in_folder(
 ) -> Result<Report, String> {
     let log = drive::begin(run, scenario, &Origin::default())?;
     let world = Arc::new(World::new(scenario).map_err(|error| error.to_string())?);
-    let mut source = Simulated::new(scenario.clone(), world.clone());
+    let mut source = robot::open(scenario, &world);
     let drive = Drive {
         report: extras.report,
         sampler: extras.sampler,
@@ -118,5 +117,5 @@ pub fn in_folder(
         keep: true,
         ..Drive::new(scenario, &world, run, stop, extras.quiet)
     };
-    drive.go(&mut source, log)
+    drive.go(&mut *source, log)
 }

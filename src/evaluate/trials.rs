@@ -14,7 +14,7 @@ use crate::random::{fix_parallelism, stream};
 use crate::robot::{Action, ActionSet, ActionValues, Pose};
 use crate::scenario::{Avoid, ChangeKind, Scenario, Show, Task, in_goal};
 use crate::vision::{Observation, Observer, observe};
-use crate::world::{Robot, Sensor, World};
+use crate::world::{Mover, Sensor, World};
 
 /// Trials begin this many frames later at most, as far as distractors go: each finds them somewhere else.
 const LATEST: u64 = 100_000;
@@ -56,7 +56,7 @@ pub struct Situation<'a> {
 
 /// A robot on its way.
 struct Trial {
-    robot: Robot,
+    robot: Mover,
     sensor: Sensor,
     observer: Observer,
     seen: Observation,
@@ -331,25 +331,23 @@ impl Evaluator {
             }
             let judge = |trial: &Trial, sees: bool| {
                 let seen = sees.then_some(&trial.seen);
-                choose(&Situation { pose: &trial.robot.pose, seen, recent: trial.recent })
+                choose(&Situation { pose: &trial.robot.pose(), seen, recent: trial.recent })
             };
             let actions: Vec<Option<Action>> = match frame {
                 Some(frame) => {
-                    let place = |trial: &&mut Trial| (trial.robot.pose, self.later(trial));
+                    let place = |trial: &&mut Trial| trial.robot.eye(self.later(trial));
                     self.world.appearance.see_all(frame, &mut active, place, |trial, image| {
                         trial.sensor.expose(image, self.world.appearance.light(frame));
                         trial.observer.observe(image, &self.scenario.vision, &mut trial.seen.pixels);
                         judge(trial, true)
                     })
                 }
-                None => active.par_iter().map(|trial| judge(trial, false)).collect(),
+                None => active.par_iter_mut().map(|trial| judge(trial, false)).collect(),
             };
-            for (trial, action) in active.iter_mut().zip(actions) {
-                match action {
-                    Some(action) => self.act(trial, action, &course.task, &course.avoid),
-                    None => trial.declare(&course.task),
-                }
-            }
+            active.par_iter_mut().zip(actions).for_each(|(trial, action)| match action {
+                Some(action) => self.act(trial, action, &course.task, &course.avoid),
+                None => trial.declare(&course.task),
+            });
         }
         trials
     }
@@ -361,7 +359,7 @@ impl Evaluator {
         let mut trials = self.begin(course);
         for trial in &mut trials {
             while !trial.ended && trial.actions.len() < self.scenario.evaluate.max_steps {
-                let action = reference_action(&trial.robot.pose, goal);
+                let action = reference_action(&trial.robot.pose(), goal);
                 self.act(trial, action, &by_pose, &[]);
             }
         }
@@ -373,7 +371,7 @@ impl Evaluator {
         let name = &course.task.name;
         let begin = |(index, &pose): (usize, &Pose)| {
             let noise = |what: &str| stream(self.seed, &format!("evaluate: {what} of {name}, trial {index}"));
-            let robot = Robot::new(&self.scenario.robot, pose, noise("motion"));
+            let robot = Mover::new(&self.scenario, &self.world, pose, noise);
             // A trial looks once per action.
             let seconds = self.scenario.robot.action_seconds;
             let sensor = Sensor::new(&self.scenario, seconds, noise("camera"));
@@ -401,21 +399,19 @@ impl Evaluator {
     }
 
     fn act(&self, trial: &mut Trial, action: Action, task: &Task, avoid: &[Circle]) {
-        let motion = trial.robot.draw(action);
-        let (mut blocked, from) = (false, trial.robot.pose.position);
-        for _ in 0..self.scenario.robot.frames_per_action {
-            blocked |= trial.robot.drive(motion, &self.world.arena);
-        }
+        let from = trial.robot.pose().position;
+        let blocked = trial.robot.act(action, &self.scenario, &self.world);
+        let pose = trial.robot.pose();
         // Who begins at its edge may have to cross it in order to get away.
         let margin = self.scenario.robot.forward / 2.0;
         let begins_outside = |area: &&Circle| (trial.poses[0].position - area.centre).norm() >= area.radius + margin;
-        let entered = |area: &&Circle| area.is_entered(from, trial.robot.pose.position);
+        let entered = |area: &&Circle| area.is_entered(from, pose.position);
         trial.entries += avoid.iter().filter(begins_outside).filter(entered).count();
         trial.actions.push(action);
-        trial.poses.push(trial.robot.pose);
+        trial.poses.push(pose);
         trial.recent = trial.recent.then(action, blocked);
         // Where the goal was shown, the agent has to say that it is there.
-        trial.arrived = !task.is_shown() && in_goal(task, trial.robot.pose.position);
+        trial.arrived = !task.is_shown() && in_goal(task, pose.position);
         trial.ended = trial.arrived;
     }
 }
@@ -423,7 +419,7 @@ impl Evaluator {
 impl Trial {
     /// The agent says that this is the goal.
     fn declare(&mut self, task: &Task) {
-        let position = self.robot.pose.position;
+        let position = self.robot.pose().position;
         self.ended = true;
         self.arrived = in_goal(task, position);
         self.declared_at = task.goal.map(|goal| (position - Point2::from(goal)).norm());

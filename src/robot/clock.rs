@@ -8,6 +8,8 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
+use crate::snapshot::{Persist, Snapshot, SnapshotError};
+
 /// The least delay is that of the last so many seconds.
 const WINDOW: Duration = Duration::from_secs(5);
 
@@ -46,6 +48,13 @@ impl RobotClock {
             self.told = Some(base);
             change as f64 / 1e9
         })
+    }
+}
+
+impl Persist for RobotClock {
+    fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
+        snapshot.value("least", &mut self.least)?;
+        snapshot.value("told", &mut self.told)
     }
 }
 

@@ -17,10 +17,13 @@
 use std::fmt;
 use std::time::Duration;
 
+use serde::{Deserialize, Serialize};
+
 use super::{Limits, Odometry, Velocity};
+use crate::snapshot::{Persist, Snapshot, SnapshotError};
 
 /// What is being done.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum DriveState {
     /// Nothing is to be done.
     Standing,
@@ -184,6 +187,9 @@ const FROZEN_AFTER: [f64; 2] = [0.08, 0.15];
 /// A camera that was frozen, and does not change while the robot stands, is tried again after this time.
 const TRY_AGAIN: Duration = Duration::from_secs(3);
 
+/// A robot that comes near to something slows down so as to need this share of the way that it has.
+const WELL_BEFORE: f64 = 0.7;
+
 /// A silent topic, or one that was never heard.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 struct Heard(Option<Duration>);
@@ -191,6 +197,35 @@ struct Heard(Option<Duration>);
 impl Heard {
     fn is_within(self, now: Duration, bound: Duration) -> bool {
         self.0.is_some_and(|at| now.saturating_sub(at) <= bound)
+    }
+}
+
+impl Persist for Safety {
+    fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
+        let [moved, turned] = self.unchanged;
+        let velocities = [self.person, self.velocity, self.command].map(|of| [of.linear, of.angular]);
+        let mut numbers = vec![self.ahead, self.behind, moved, turned];
+        numbers.extend(velocities.as_flattened());
+        snapshot.numbers("numbers", &mut numbers)?;
+        let [ahead, behind, moved, turned, a, b, c, d, e, f] = numbers[..] else {
+            return snapshot.check("numbers", false, "not ten numbers");
+        };
+        (self.ahead, self.behind, self.unchanged) = (ahead, behind, [moved, turned]);
+        let velocity = |linear, angular| Velocity { linear, angular };
+        (self.person, self.velocity, self.command) = (velocity(a, b), velocity(c, d), velocity(e, f));
+        snapshot.value("camera", &mut self.camera.0)?;
+        snapshot.value("odometry", &mut self.odometry.0)?;
+        snapshot.value("scan", &mut self.scan.0)?;
+        snapshot.value("emergency_stop", &mut self.emergency_stop.0)?;
+        snapshot.value("lock", &mut self.lock.0)?;
+        snapshot.value("teleop", &mut self.teleop.0)?;
+        snapshot.value("frozen_since", &mut self.frozen_since)?;
+        snapshot.value("commanded", &mut self.commanded)?;
+        let mut flags = [self.pressed, self.locked, self.battery_low, self.released];
+        snapshot.value("flags", &mut flags)?;
+        [self.pressed, self.locked, self.battery_low, self.released] = flags;
+        snapshot.value("state", &mut self.state)?;
+        snapshot.value("causes", &mut self.causes.0)
     }
 }
 
@@ -338,6 +373,23 @@ impl Safety {
     pub fn is_fresh(&self, now: Duration) -> bool {
         let fresh = self.settings.fresh;
         self.camera.is_within(now, fresh) && self.odometry.is_within(now, fresh)
+    }
+
+    /// A wanted velocity, as slow as it must be to stop before what is ahead.
+    pub fn slow_down(&self, wanted: Velocity) -> Velocity {
+        let settings = &self.settings;
+        let free = match wanted.linear >= 0.0 {
+            true => self.ahead,
+            false => self.behind,
+        };
+        let left = WELL_BEFORE * (free - settings.margin);
+        if !settings.scan || !left.is_finite() {
+            return wanted;
+        }
+        // v t + v² / 2a = left.
+        let (braking, reaction) = (settings.limits.acceleration, settings.reaction.as_secs_f64());
+        let most = braking * ((reaction * reaction + 2.0 * left.max(0.0) / braking).sqrt() - reaction);
+        Velocity { linear: wanted.linear.clamp(-most, most), ..wanted }
     }
 
     /// The velocity that may be commanded at a time, where the agent wants some; nothing wanted is no action.

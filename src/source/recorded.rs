@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use nalgebra::Point2;
 
-use super::{Boundary, Frame, GoalMove, Mark, Source, View, parse_mark};
+use super::{Boundary, Frame, GoalMove, Journal, Mark, Source, View, parse_mark};
 use crate::log::files::FilesReader;
 use crate::log::messages::{
     self as msg, FrameTaken, GoalMoved, Image, LaserScan, Odometry, PoseStamped, RewardGiven, Text,
@@ -190,19 +190,19 @@ impl Source for Recorded {
 }
 
 /// A run that goes on: the frames of its log first, then those of the robot.
-pub struct Resumed<S> {
+pub struct Resumed {
     recorded: Recorded,
-    live: S,
+    live: Box<dyn Source + Send>,
 }
 
-impl<S: Source> Resumed<S> {
+impl Resumed {
     /// The recorded frames, then those of `live`, a simulated robot at its start: it repeats what the recorded one did.
-    pub fn new(recorded: Recorded, live: S) -> Self {
+    pub fn new(recorded: Recorded, live: Box<dyn Source + Send>) -> Self {
         Resumed { recorded, live }
     }
 }
 
-impl<S: Source> Source for Resumed<S> {
+impl Source for Resumed {
     fn first(&mut self) -> Option<Frame> {
         let first = self.live.first();
         self.recorded.take().or(first)
@@ -224,6 +224,10 @@ impl<S: Source> Source for Resumed<S> {
         }
         // The log may end in the middle of an action: the rest of its frames come from the robot.
         self.live.execute(action, &mut |frame| last.is_some_and(|last| frame.number <= last) || give(frame))
+    }
+
+    fn keep_journal(&mut self, journal: Option<Journal>) {
+        self.live.keep_journal(journal);
     }
 
     fn persist(&mut self, parts: &mut Snapshot) -> Result<(), SnapshotError> {

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use super::Camera;
 use super::batch::Batch;
 use super::distractors::{Distractor, Present};
-use super::eye::Viewpoint;
+use super::eye::{Eye, Viewpoint};
 use crate::gpu::{Choice, Gpu};
 use crate::robot::Pose;
 use crate::scenario::{ChangeKind, Scenario};
@@ -88,32 +88,30 @@ impl Appearance {
     /// What the camera sees from a pose at a frame, without sensor errors.
     pub fn render(&self, pose: &Pose, frame: u64) -> Image {
         let mut image = Image::default();
-        self.render_into(pose, frame, 0, &mut image);
+        self.render_into(&Eye::from((*pose, 0)), frame, &mut image);
         image
     }
 
-    /// The same in place of what an image held, with distractors where they are so many frames `later`: a trial takes its time
-    /// while nothing else changes.
-    pub fn render_into(&self, pose: &Pose, frame: u64, later: u64, image: &mut Image) {
+    /// The same from an eye, in place of what an image held.
+    pub fn render_into(&self, eye: &Eye, frame: u64, image: &mut Image) {
         let by_device = self.batch.asks_for_device()
-            && self.render_by_device(frame, &[(*pose, later)], std::slice::from_mut(image));
+            && self.render_by_device(frame, std::slice::from_ref(eye), std::slice::from_mut(image));
         if !by_device {
-            self.camera(frame).render_among(&self.present(frame, later), pose, image);
+            self.camera(frame).render_among(&self.present(frame, eye), &eye.pose, image);
         }
     }
 
-    /// Do something with what the camera sees at a frame from the place of each item, as [`Appearance::render_into`] has it. The views
+    /// Do something with what the camera sees at a frame from the place of each item. The views
     /// are rendered by a device, if there is one that is the better choice for so many; the rest is done on all threads.
-    pub fn see_all<T: Send, R: Send>(
+    pub fn see_all<T: Send, R: Send, E: Into<Eye>>(
         &self,
         frame: u64,
         items: &mut [T],
-        place: impl Fn(&T) -> (Pose, u64) + Sync,
+        place: impl Fn(&T) -> E + Sync,
         work: impl Fn(&mut T, &mut Image) -> R + Sync,
     ) -> Vec<R> {
         let look = |item: &mut T, image: &mut Image| {
-            let (pose, later) = place(item);
-            self.render_into(&pose, frame, later, image);
+            self.render_into(&place(item).into(), frame, image);
             work(item, image)
         };
         if !self.batch.considers(items.len()) {
@@ -122,9 +120,9 @@ impl Appearance {
         let (mut results, mut images) = (Vec::with_capacity(items.len()), Vec::new());
         let camera = self.camera(frame);
         for part in items.chunks_mut((MOST_PIXELS / camera.pixels()).max(1)) {
-            let poses: Vec<(Pose, u64)> = part.iter().map(&place).collect();
+            let eyes: Vec<Eye> = part.iter().map(|item| place(item).into()).collect();
             images.resize_with(part.len(), Image::default);
-            let done = self.render_by_device(frame, &poses, &mut images);
+            let done = self.render_by_device(frame, &eyes, &mut images);
             let pairs = part.par_iter_mut().zip(&mut images);
             results.par_extend(pairs.map(|(item, image)| if done { work(item, image) } else { look(item, image) }));
         }
@@ -134,16 +132,19 @@ impl Appearance {
     /// Have a device render what is seen from many poses at a frame, if it is the better choice for so many: whether it did.
     ///
     /// # Panics
-    /// If there are not as many images as poses.
-    pub fn render_by_device(&self, frame: u64, poses: &[(Pose, u64)], images: &mut [Image]) -> bool {
-        if !self.batch.considers(poses.len()) {
+    /// If there are not as many images as eyes.
+    pub fn render_by_device(&self, frame: u64, eyes: &[Eye], images: &mut [Image]) -> bool {
+        if !self.batch.considers(eyes.len()) {
             return false;
         }
-        let distractors: Vec<Vec<Present>> = poses.iter().map(|&(_, later)| self.present(frame, later)).collect();
-        let eyes: Vec<Viewpoint<'_>> =
-            poses.iter().zip(&distractors).map(|((pose, _), distractors)| Viewpoint { pose, distractors }).collect();
+        let distractors: Vec<Vec<Present>> = eyes.iter().map(|eye| self.present(frame, eye)).collect();
+        let seen = |(eye, distractors)| -> Viewpoint<'_> {
+            let (eye, distractors): (&Eye, &Vec<Present>) = (eye, distractors);
+            Viewpoint { pose: &eye.pose, distractors }
+        };
+        let views: Vec<Viewpoint<'_>> = eyes.iter().zip(&distractors).map(seen).collect();
         let number = self.camera_number(frame);
-        self.batch.render(number, &self.cameras[number].1, &eyes, images)
+        self.batch.render(number, &self.cameras[number].1, &views, images)
     }
 
     /// Open the device that the scenario asks for, if it does: a warning where there is none.
@@ -169,9 +170,10 @@ impl Appearance {
         self.batch.by()
     }
 
-    fn present(&self, frame: u64, later: u64) -> Vec<Present> {
-        let seconds = frame.saturating_add(later) as f64 * self.frame_seconds;
-        self.distractors.iter().map(|distractor| distractor.at(seconds)).collect()
+    fn present(&self, frame: u64, eye: &Eye) -> Vec<Present> {
+        let seconds = frame.saturating_add(eye.later) as f64 * self.frame_seconds;
+        let distractors = self.distractors.iter().map(|distractor| distractor.at(seconds));
+        distractors.chain(eye.things.iter().copied()).collect()
     }
 
     /// Brightness at a frame, as a share of that at frame 0.

@@ -38,6 +38,11 @@ pub struct Present {
     pub colour: u32,
 }
 
+fn texel(hue: f64, value: f64) -> u32 {
+    let [r, g, b] = hsv(hue, SATURATION, value).map(|v| (255.0 * v).round() as u8);
+    u32::from_le_bytes([r, g, b, 0])
+}
+
 impl Distractor {
     /// The distractor of a scenario.
     pub fn new(distractor: &scenario::Distractor) -> Self {
@@ -48,16 +53,12 @@ impl Distractor {
             Some(*way)
         });
         let ways = std::iter::once(0.0).chain(ways).collect();
-        let texel = |value: f64| {
-            let [r, g, b] = hsv(distractor.hue, SATURATION, value).map(|v| (255.0 * v).round() as u8);
-            u32::from_le_bytes([r, g, b, 0])
-        };
         Distractor {
             path,
             ways,
             speed: distractor.speed,
             blink_seconds: distractor.blink_seconds,
-            colours: [texel(BRIGHT), texel(DARK)],
+            colours: [BRIGHT, DARK].map(|value| texel(distractor.hue, value)),
             radius: distractor.radius,
             bottom: distractor.bottom,
             top: distractor.top,
@@ -86,6 +87,11 @@ impl Distractor {
 }
 
 impl Present {
+    /// Something that can be pushed, where it is now.
+    pub fn thing(centre: Point2<f64>, thing: &scenario::Movable) -> Self {
+        Present { centre, radius: thing.radius, bottom: 0.0, top: thing.height, colour: texel(thing.hue, BRIGHT) }
+    }
+
     /// Depth at which a ray on the floor plan, `from + depth · ray`, meets its side; `None` where it passes, or begins inside.
     pub fn depth(&self, from: Point2<f64>, ray: Vector2<f64>) -> Option<f64> {
         let to = self.centre - from;

@@ -11,6 +11,23 @@ pub struct Viewpoint<'a> {
     pub distractors: &'a [Present],
 }
 
+/// A camera somewhere, at a moment of its own.
+#[derive(Debug, Clone)]
+pub struct Eye {
+    /// Of the robot.
+    pub pose: Pose,
+    /// Frames by which distractors are ahead: a trial takes its time while nothing else changes.
+    pub later: u64,
+    /// What was pushed around, where it is now.
+    pub things: Vec<Present>,
+}
+
+impl From<(Pose, u64)> for Eye {
+    fn from((pose, later): (Pose, u64)) -> Self {
+        Eye { pose, later, things: Vec::new() }
+    }
+}
+
 /// Do something with each item, on as many threads as there are cores, each of them with a part of its own.
 ///
 /// Not by rayon: whoever waits there takes up other work, which may wait for the same device.

@@ -5,11 +5,14 @@
 
 mod appearance;
 mod arena;
+mod base;
 mod batch;
 mod body;
 mod camera;
 mod distractors;
+mod dynamic;
 mod eye;
+mod mover;
 mod noise;
 mod pyramids;
 mod sensor;
@@ -23,9 +26,14 @@ mod views;
 
 pub use appearance::Appearance;
 pub use arena::Arena;
+pub use base::DynamicBase;
 pub(crate) use body::drive;
 pub use body::{FrameMotion, Robot};
 pub use camera::Camera;
+pub use distractors::Present;
+pub use dynamic::Dynamic;
+pub use eye::Eye;
+pub use mover::Mover;
 pub use sensor::Sensor;
 pub use simulated::Simulated;
 

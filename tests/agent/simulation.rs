@@ -13,7 +13,7 @@ use adagio::source::{Frame, Source};
 use adagio::vision::Image;
 use adagio::vision::observe;
 use adagio::world::Simulated;
-use adagio::world::{Robot, Sensor, World};
+use adagio::world::{Eye, Robot, Sensor, World};
 use nalgebra::Point2;
 
 fn lab(sets: &[&str]) -> (Arc<Scenario>, Arc<World>) {
@@ -193,7 +193,7 @@ fn distractors_hide_what_is_behind_them_and_are_hidden_by_walls() {
     assert!(seen.rgb[at] > 200 && dark.rgb[at] < 60, "{} {}", seen.rgb[at], dark.rgb[at]);
     // A trial that is four seconds ahead sees the same.
     let mut later = Image::default();
-    near.appearance.render_into(&pose, 0, 20, &mut later);
+    near.appearance.render_into(&Eye::from((pose, 20)), 0, &mut later);
     assert_eq!(later.rgb, dark.rgb);
     // Behind the wall 2.5 m ahead, 0.9 m high: from 0.5 m above the floor its top is seen at 1.7 m alone.
     let behind = world(&(red.to_owned() + "path = [[4.0, 0.9], [4.0, 1.9]]\nradius = 0.2\n"));

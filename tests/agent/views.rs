@@ -8,7 +8,7 @@ use adagio::robot::Pose;
 use adagio::scenario::{Change, ChangeKind, Scenario};
 use adagio::vision::Image;
 use adagio::vision::observe;
-use adagio::world::{Appearance, World};
+use adagio::world::{Appearance, Eye, World};
 use nalgebra::{Point2, Vector2};
 use rand::RngExt;
 use serde_json::Value;
@@ -24,14 +24,14 @@ fn scenarios() -> Vec<PathBuf> {
     files
 }
 
-fn random_poses(world: &World, count: usize, seed: u64) -> Vec<(Pose, u64)> {
+fn random_poses(world: &World, count: usize, seed: u64) -> Vec<Eye> {
     let mut rng = generator(seed);
     let cells: Vec<Point2<f64>> = world.plan.reachable_cells().collect();
     let mut draw = || {
         let offset = Vector2::new(rng.random_range(-0.02..0.02), rng.random_range(-0.02..0.02));
         let heading = rng.random_range(-std::f64::consts::PI..std::f64::consts::PI);
         let pose = Pose::new(cells[rng.random_range(0..cells.len())] + offset, heading);
-        (pose, rng.random_range(0..100_000))
+        Eye::from((pose, rng.random_range(0..100_000)))
     };
     (0..count).map(|_| draw()).collect()
 }
@@ -79,8 +79,8 @@ fn a_device_draws_what_the_processor_draws_in_every_scenario() {
         for frame in std::iter::once(0).chain(changes) {
             let mut ours = vec![Image::default(); poses.len()];
             let mut theirs = ours.clone();
-            for (image, (pose, later)) in ours.iter_mut().zip(&poses) {
-                world.appearance.render_into(pose, frame, *later, image);
+            for (image, eye) in ours.iter_mut().zip(&poses) {
+                world.appearance.render_into(eye, frame, image);
             }
             assert!(drawn_by.render_by_device(frame, &poses, &mut theirs), "{:?}", drawn_by.rendered_by());
             let found = compare(&scenario, &ours, &theirs);
@@ -106,9 +106,9 @@ fn a_device_draws_full_pictures_and_single_views() {
         let poses = random_poses(&world, 40, 8);
         let mut ours = vec![Image::default(); poses.len()];
         let (mut theirs, mut single) = (ours.clone(), ours.clone());
-        for (i, (pose, later)) in poses.iter().enumerate() {
-            world.appearance.render_into(pose, 0, *later, &mut ours[i]);
-            drawn_by.render_into(pose, 0, *later, &mut single[i]);
+        for (i, eye) in poses.iter().enumerate() {
+            world.appearance.render_into(eye, 0, &mut ours[i]);
+            drawn_by.render_into(eye, 0, &mut single[i]);
         }
         assert!(drawn_by.render_by_device(0, &poses, &mut theirs));
         assert_eq!((theirs[0].width, theirs[0].height), (scenario.camera.width, scenario.camera.height));
@@ -141,10 +141,10 @@ fn a_device_that_is_lost_is_told_once_and_the_processor_goes_on() {
     }
     assert!(appearance.missing_device().unwrap().contains("has failed"));
     // Single views, too.
-    let (pose, later) = poses[0];
+    let eye = &poses[0];
     let (mut ours, mut theirs) = (Image::default(), Image::default());
-    appearance.render_into(&pose, 0, later, &mut ours);
-    world.appearance.render_into(&pose, 0, later, &mut theirs);
+    appearance.render_into(eye, 0, &mut ours);
+    world.appearance.render_into(eye, 0, &mut theirs);
     assert_eq!(ours, theirs);
 }
 

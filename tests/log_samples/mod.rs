@@ -183,7 +183,7 @@ fn state(header: Header, round: u32) -> RobotState {
 }
 
 fn input(header: Header, round: u32) -> RobotInput {
-    RobotInput { header, name: "teleop"[..round as usize % 6].into(), values: numbers(round, round as usize % 3) }
+    RobotInput { header, name: "teleop"[..round as usize % 6].into(), values: numbers(round, round % 3) }
 }
 
 fn pursuit(header: Header, round: u32) -> PursuitEnded {

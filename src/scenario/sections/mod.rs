@@ -1,6 +1,7 @@
 //! The sections of a scenario: every key with its unit, default, range and meaning.
 
 mod agent;
+mod body;
 mod conduct;
 mod learning;
 mod motion;
@@ -8,6 +9,7 @@ mod robot;
 mod world;
 
 pub use agent::*;
+pub use body::{BodySettings, Movable};
 pub use conduct::*;
 pub use learning::*;
 pub use motion::{Equipment, Motion, Safety};
@@ -36,6 +38,8 @@ pub struct Scenario {
     pub robot: Robot,
     /// `[motion]` and `[safety]`, of robots that take velocities.
     pub motion: Option<Motion>,
+    /// `[body]`, of simulated robots with a mass.
+    pub body: Option<BodySettings>,
     /// `[camera]`
     pub camera: Camera,
     /// `[vision]`
@@ -79,6 +83,7 @@ impl Scenario {
                 "robot",
                 "motion",
                 "safety",
+                "body",
                 "camera",
                 "vision",
                 "dictionary",
@@ -101,14 +106,19 @@ impl Scenario {
         });
         let world = World::read(reader, base);
         let robot = reader.section("robot", "", Robot::read);
-        let motion = match robot.body {
+        let (motion, body) = match robot.body {
             Body::Kinematic => {
-                for section in ["motion", "safety"] {
+                for section in ["motion", "safety", "body"] {
                     reader.refuse_section(section, "is for a robot that takes velocities: robot.body = \"dynamic\"");
                 }
-                None
+                (None, None)
             }
-            Body::Dynamic => Some(Motion::read(reader)),
+            Body::Dynamic => {
+                let motion = Motion::read(reader);
+                let body =
+                    reader.section("body", "the simulated robot's mass, motors, wheels, sensors", BodySettings::read);
+                (Some(motion), Some(body))
+            }
         };
         let mut scenario = Scenario {
             name,
@@ -117,6 +127,7 @@ impl Scenario {
             world,
             robot,
             motion,
+            body,
             camera: reader.section("camera", "", Camera::read),
             vision: reader.section("vision", "camera image to observation", Vision::read),
             dictionary: reader.section("dictionary", "support vectors", Dictionary::read),

@@ -29,6 +29,8 @@ pub struct Safety {
     pub teleop_seconds: f64,
     /// Whether a person must let the robot go on after each stop.
     pub hold: bool,
+    /// Whether a scan that is near stops the robot.
+    pub scan: bool,
     /// What is left between the robot and what a scan sees when it has stopped, metres.
     pub margin: f64,
     /// How long the robot goes on before a command to stop is heeded, seconds.
@@ -55,7 +57,7 @@ impl Safety {
         SafetySettings {
             limits: motion.limits,
             fresh: seconds(self.fresh_seconds),
-            scan: equipment.scan,
+            scan: equipment.scan && self.scan,
             emergency_stop: equipment.emergency_stop.then(|| seconds(self.emergency_stop_seconds)),
             lock: equipment.lock.then(|| seconds(self.lock_seconds)),
             teleop: seconds(self.teleop_seconds),
@@ -99,6 +101,7 @@ impl Safety {
                 &[("go on", false), ("hold", true)],
                 "when nothing stops it any more it goes on by itself, or a person must let it",
             ),
+            scan: s.flag("scan", true, "whether it stops at what a scan sees ahead of it"),
             margin: s.number(
                 "margin",
                 0.05,

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use super::body::Movable;
 use crate::scenario::distractors::Distractor;
 use crate::scenario::keys::{Range, Reader};
 use crate::scenario::pyramids::Pyramid;
@@ -32,6 +33,8 @@ pub struct World {
     pub pyramids: Vec<Pyramid>,
     /// `[[world.distractor]]`
     pub distractors: Vec<Distractor>,
+    /// `[[world.movable]]`
+    pub movables: Vec<Movable>,
     /// `[world.floor]`
     pub floor: Texture,
     /// `[world.surroundings]`: what is seen above the walls, far away.
@@ -41,7 +44,7 @@ pub struct World {
 impl World {
     pub(super) fn read(reader: &mut Reader<'_>, base: &Path) -> Self {
         let (texture_seed, renderer) = reader.section("world", "what the robot drives in", |s| {
-            s.allow_sections(&["room", "wall", "pyramid", "distractor", "floor", "surroundings"]);
+            s.allow_sections(&["room", "wall", "pyramid", "distractor", "movable", "floor", "surroundings"]);
             let line = "seed of the textures of walls and floor; another number: other patterns of the same kinds";
             let texture_seed = s.count("texture_seed", 0, "", 0, 1_000_000, line) as u64;
             let words = [("auto", Renderer::Auto), ("cpu", Renderer::Cpu), ("gpu", Renderer::Gpu)];
@@ -66,11 +69,12 @@ impl World {
             "moves or blinks whatever the robot does; seen and not felt",
             Distractor::read,
         );
+        let movables = reader.sections("world.movable", "can be pushed by a robot with a mass", Movable::read);
         let mut floor = reader.section("world.floor", "", |s| Texture::read(s, base, Defaults::FLOOR));
         floor.reseed(texture_seed);
         let surroundings = reader.section("world.surroundings", "seen above the walls, far away", |s| {
             Texture::read(s, base, Defaults::SURROUNDINGS)
         });
-        World { renderer, rooms, walls, pyramids, distractors, floor, surroundings }
+        World { renderer, rooms, walls, pyramids, distractors, movables, floor, surroundings }
     }
 }

@@ -20,12 +20,13 @@ pub trait Base: Send {
     /// Drive like this until the next command.
     fn command(&mut self, velocity: Velocity);
 
-    /// Save or restore where it is, see [`Persist`](crate::snapshot::Persist).
+    /// Save or restore where it is, see [`Persist`](crate::snapshot::Persist). Whether time goes on where it was, as in a
+    /// simulation: a robot is where it is.
     ///
     /// # Errors
-    /// A robot cannot be saved.
-    fn persist(&mut self, _snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
-        Err(SnapshotError::Unable("a robot"))
+    /// Parts that are missing or do not fit.
+    fn persist(&mut self, _snapshot: &mut Snapshot) -> Result<bool, SnapshotError> {
+        Ok(false)
     }
 }
 

@@ -12,12 +12,15 @@ use std::hash::{DefaultHasher, Hasher};
 use std::sync::Arc;
 use std::time::Duration;
 
+use nalgebra::Point2;
+
 use super::base::{Reading, Received, Scan};
 use crate::robot::{
     Action, ActionSet, Cause, Causes, Controller, DriveState, MotionEnd, Odometry, Pose, RobotClock, Safety, Velocity,
     wrap,
 };
 use crate::scenario::{Equipment, Motion, Scenario};
+use crate::snapshot::{Snapshot, SnapshotError};
 use crate::source::{Boundary, Frame, Mark, View};
 use crate::vision::Image;
 
@@ -246,7 +249,13 @@ impl Drive {
                 if self.bumper && controller.advances() {
                     controller.obstruct();
                 }
-                Some(controller.step(&self.motion.settings, now, &odometry))
+                let wanted = controller.step(&self.motion.settings, now, &odometry);
+                let slowed = self.safety.slow_down(wanted);
+                let still = self.motion.settings.still.linear;
+                if slowed.linear.abs() < still && wanted.linear.abs() >= still {
+                    controller.obstruct();
+                }
+                Some(slowed)
             }
             _ => None,
         };
@@ -397,6 +406,73 @@ impl Drive {
         self.number += 1;
         self.taken_ns = Some(stamp_ns);
     }
+}
+
+impl Drive {
+    /// Save or restore it, between two actions. Where time does not go on where it was, only the count of frames is kept.
+    pub fn persist(&mut self, snapshot: &mut Snapshot, time_goes_on: bool) -> Result<(), SnapshotError> {
+        snapshot.value("number", &mut self.number)?;
+        snapshot.value("taken_ns", &mut self.taken_ns)?;
+        if !time_goes_on {
+            return Ok(());
+        }
+        snapshot.inner("safety", &mut self.safety)?;
+        snapshot.inner("clock", &mut self.clock)?;
+        snapshot.value("images", &mut self.images.last_ns)?;
+        snapshot.value("odometries", &mut self.odometries.last_ns)?;
+        snapshot.value("scans", &mut self.scans.last_ns)?;
+        snapshot.value("pixels", &mut self.pixels)?;
+        snapshot.value("bumper", &mut self.bumper)?;
+        snapshot.value("last_step", &mut self.last_step)?;
+        snapshot.numbers("sonar", &mut self.sonar)?;
+        snapshot.numbers("rewards", &mut self.rewards)?;
+        let mut stood: Vec<f64> = self.stood.iter().flat_map(|pose| numbers_of(*pose)).collect();
+        snapshot.numbers("stood", &mut stood)?;
+        self.stood = <[f64; 3]>::try_from(stood).ok().map(pose_of);
+        let with_velocity = |odometry: Odometry| {
+            let [x, y, heading] = numbers_of(odometry.pose);
+            [x, y, heading, odometry.velocity.linear, odometry.velocity.angular]
+        };
+        kept(snapshot, "odometry", &mut self.odometry, with_velocity, |[x, y, heading, linear, angular]| Odometry {
+            pose: pose_of([x, y, heading]),
+            velocity: Velocity { linear, angular },
+        })?;
+        kept(snapshot, "poses", &mut self.poses, numbers_of, pose_of)?;
+        if snapshot.is_restoring() {
+            self.phase = Phase::Idle;
+            self.told = (self.safety.state(), self.safety.causes());
+        }
+        Ok(())
+    }
+}
+
+fn numbers_of(pose: Pose) -> [f64; 3] {
+    [pose.position.x, pose.position.y, pose.heading]
+}
+
+/// Not by `Pose::new`: the heading is in its range already, and every bit counts.
+fn pose_of([x, y, heading]: [f64; 3]) -> Pose {
+    Pose { position: Point2::new(x, y), heading }
+}
+
+/// Save or restore what was sensed with stamps.
+fn kept<T: Copy, const N: usize>(
+    snapshot: &mut Snapshot,
+    name: &str,
+    kept: &mut VecDeque<(u64, T)>,
+    numbers_of: impl Fn(T) -> [f64; N],
+    value_of: impl Fn([f64; N]) -> T,
+) -> Result<(), SnapshotError> {
+    let mut stamps: Vec<u64> = kept.iter().map(|entry| entry.0).collect();
+    let mut numbers: Vec<f64> = kept.iter().flat_map(|entry| numbers_of(entry.1)).collect();
+    snapshot.scope(name, |snapshot| {
+        snapshot.value("stamps", &mut stamps)?;
+        snapshot.numbers("numbers", &mut numbers)?;
+        let (values, rest) = numbers.as_chunks::<N>();
+        snapshot.check("numbers", rest.is_empty() && values.len() == stamps.len(), "another number than of stamps")?;
+        *kept = stamps.iter().copied().zip(values.iter().copied().map(value_of)).collect();
+        Ok(())
+    })
 }
 
 /// Keep what was sensed with a stamp, and forget what is too old.

@@ -7,9 +7,11 @@ mod base;
 mod drive;
 #[cfg(test)]
 mod tests;
+mod threaded;
 
 pub use base::{Base, Reading, Received, Scan};
 pub use drive::{Drive, Event, Unused};
+pub use threaded::Threaded;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -53,6 +55,11 @@ impl<B: Base> Live<B> {
     /// The same, with what people ask of it.
     pub fn with_switches(self, switches: Switches) -> Self {
         Live { switches, ..self }
+    }
+
+    /// The robot.
+    pub fn base(&self) -> &B {
+        &self.base
     }
 
     /// One step of control.
@@ -118,6 +125,11 @@ impl<B: Base> Source for Live<B> {
     }
 
     fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
-        self.base.persist(snapshot)
+        let time_goes_on = snapshot.scope("base", |snapshot| self.base.persist(snapshot))?;
+        snapshot.scope("drive", |snapshot| self.drive.persist(snapshot, time_goes_on))?;
+        match time_goes_on {
+            true => snapshot.value("next", &mut self.next),
+            false => Ok(()),
+        }
     }
 }

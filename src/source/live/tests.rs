@@ -141,13 +141,14 @@ impl Base for Disc {
     }
 }
 
-fn live(disc: Disc) -> Live<Disc> {
+const EQUIPMENT: Equipment = Equipment { scan: false, emergency_stop: true, lock: false };
+
+fn live<B: Base>(base: B, number: u64) -> Live<B> {
     let text = include_str!("../../../scenarios/lab.toml");
     let set = ["robot.body=dynamic".to_owned()];
     let scenario = Arc::new(Scenario::parse(text, "lab.toml".as_ref(), &set).unwrap());
     let motion = scenario.motion.clone().unwrap();
-    let equipment = Equipment { scan: false, emergency_stop: true, lock: false };
-    Live::new(scenario, motion, equipment, disc, 0)
+    Live::new(scenario, motion, EQUIPMENT, base, number)
 }
 
 const ACTIONS: [Action; 4] = [Action::FORWARD, Action::TURN_LEFT, Action::FORWARD, Action::TURN_RIGHT];
@@ -178,7 +179,7 @@ fn with_fault(fault: Fault, stops: Option<f64>) -> Vec<Frame> {
     let mut disc = Disc::new();
     disc.faults.push((fault, from, to));
     let sent = disc.sent.clone();
-    let mut live = live(disc);
+    let mut live = live(disc, 0);
     let frames = drive(&mut live, 12);
     let sent = sent.lock().unwrap();
     let moves_in = |from: f64, to: f64| {
@@ -209,7 +210,7 @@ fn with_fault(fault: Fault, stops: Option<f64>) -> Vec<Frame> {
 
 #[test]
 fn frames_come_at_their_interval_and_each_action_ends_with_one_of_a_robot_that_stands() {
-    let mut live = live(Disc::new());
+    let mut live = live(Disc::new(), 0);
     let frames = drive(&mut live, 40);
     assert_eq!(frames[0].action, None);
     assert!(frames.iter().zip(0..).all(|(frame, number)| frame.number == number));
@@ -265,7 +266,7 @@ fn a_clock_that_is_set_stops_nothing_for_long() {
         disc.faults.push((Fault::ClockSet(ms), 3.0, f64::INFINITY));
         let notes: Arc<Mutex<Vec<String>>> = Arc::default();
         let told = notes.clone();
-        let mut live = live(disc);
+        let mut live = live(disc, 0);
         live.keep_journal(Some(Box::new(move |event| {
             if let Event::Note { text, .. } = event {
                 told.lock().unwrap().push(text);
@@ -282,7 +283,7 @@ fn a_clock_that_is_set_stops_nothing_for_long() {
 #[test]
 fn what_was_not_driven_belongs_to_no_action() {
     for by_hand in [true, false] {
-        let mut live = live(Disc::new());
+        let mut live = live(Disc::new(), 0);
         let mut frames = drive(&mut live, 3);
         // Right after an action, or in the middle of one.
         let from = live.base.now().as_secs_f64() - 100.0;
@@ -312,7 +313,7 @@ fn a_run_that_is_to_end_stops_in_the_middle_of_an_action() {
     let disc = Disc::new();
     let sent = disc.sent.clone();
     let switches = Switches::default();
-    let mut live = live(disc).with_switches(switches.clone());
+    let mut live = live(disc, 0).with_switches(switches.clone());
     drive(&mut live, 2);
     let mut frames = 0;
     let more = live.execute(Action::FORWARD, &mut |_| {
@@ -322,4 +323,62 @@ fn a_run_that_is_to_end_stops_in_the_middle_of_an_action() {
     });
     assert!(!more && frames == 1);
     assert_eq!(sent.lock().unwrap().last().unwrap().1, Velocity::ZERO);
+}
+
+/// The same disc in real time.
+struct InRealTime {
+    disc: Disc,
+    begun: std::time::Instant,
+}
+
+impl Base for InRealTime {
+    fn now(&self) -> Duration {
+        self.begun.elapsed() + Duration::from_secs(100)
+    }
+
+    fn receive(&mut self, until: Duration, take: &mut dyn FnMut(Received)) {
+        std::thread::sleep(until.saturating_sub(self.now()));
+        let now = self.now();
+        self.disc.receive(now, take);
+    }
+
+    fn command(&mut self, velocity: Velocity) {
+        self.disc.command(velocity);
+    }
+}
+
+#[test]
+fn on_a_thread_of_its_own_it_stands_while_nobody_asks_for_anything_and_at_the_end() {
+    let disc = Disc::new();
+    let sent = disc.sent.clone();
+    let mut robot = Threaded::start(live(InRealTime { disc, begun: std::time::Instant::now() }, 7)).unwrap();
+    assert_eq!(robot.first().map(|frame| (frame.number, frame.action)), Some((7, None)));
+    let mut frames = Vec::new();
+    let mut forward = |robot: &mut Threaded| {
+        robot.execute(Action::FORWARD, &mut |frame| {
+            frames.push((frame.action, frame.boundary.is_some()));
+            true
+        })
+    };
+    assert!(forward(&mut robot));
+    let (count, moved) = {
+        let sent = sent.lock().unwrap();
+        (sent.len(), sent.iter().any(|(_, velocity)| !velocity.is_zero()))
+    };
+    assert!(moved && sent.lock().unwrap().last().unwrap().1.is_zero());
+    // The actors hang: velocities go on, and all of them are zero.
+    std::thread::sleep(Duration::from_millis(500));
+    {
+        let sent = sent.lock().unwrap();
+        assert!(sent.len() >= count + 5 && sent[count..].iter().all(|(_, velocity)| velocity.is_zero()));
+    }
+    // Its count of frames is saved, and goes on; where it is, is seen anew.
+    let mut saved = Snapshot::new();
+    robot.persist(&mut saved).unwrap();
+    let number = saved.texts["drive.number"].clone();
+    assert!(forward(&mut robot) && forward(&mut robot));
+    drop(robot);
+    assert_eq!(frames.iter().filter(|frame| **frame == (Some(Action::FORWARD), true)).count(), 3);
+    assert!(number.parse::<usize>().unwrap() < 7 + 1 + frames.len());
+    assert!(sent.lock().unwrap().iter().rev().take(10).all(|(_, velocity)| velocity.is_zero()));
 }
