@@ -27,6 +27,7 @@
 //! | [`scenario`] | what to run: a TOML file as checked values |
 //! | [`robot`] | what a robot is: its actions, how they move it, which undo which; poses |
 //! | [`source`] | where frames come from |
+//! | `ros2` | a robot on a ROS 2 network |
 //! | [`world`] | the simulated world: walls, robot, sonar, camera |
 //! | [`vision`] | camera image → observation |
 //! | [`kernel`] | kernel functions, kernel values for blocks, kernel principal components |
@@ -149,6 +150,8 @@ pub mod replay;
 pub mod report;
 #[cfg(feature = "agent")]
 pub mod robot;
+#[cfg(feature = "ros2")]
+pub mod ros2;
 #[cfg(feature = "agent")]
 pub mod scenario;
 pub mod slow;

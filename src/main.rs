@@ -1,6 +1,7 @@
 //! The program: parse, dispatch, exit code.
 
 use std::process::{ExitCode, exit};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use adagio::cli::{Cli, Ending, dispatch, finishes};
@@ -20,14 +21,14 @@ const INTERRUPTED: i32 = 130;
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
-static STOP: AtomicBool = AtomicBool::new(false);
-
 fn main() -> ExitCode {
     let cli = Cli::parse();
+    let stop = Arc::new(AtomicBool::new(false));
     // Other commands have nothing to finish: Ctrl-C ends them as it ends any program.
     if let Some(what) = finishes(&cli.command) {
+        let asked = stop.clone();
         let handler = ctrlc::set_handler(move || {
-            if STOP.swap(true, Ordering::Relaxed) {
+            if asked.swap(true, Ordering::Relaxed) {
                 exit(INTERRUPTED);
             }
             eprintln!("finishing: {what}; Ctrl-C again to end at once");
@@ -36,7 +37,7 @@ fn main() -> ExitCode {
             eprintln!("Ctrl-C will end this at once: {error}");
         }
     }
-    let (code, text) = match dispatch(cli, &STOP) {
+    let (code, text) = match dispatch(cli, &stop) {
         Ok(()) => return ExitCode::SUCCESS,
         Err(Ending::Failed(text)) => (FAILED, text),
         Err(Ending::Usage(text)) => (USAGE, text),

@@ -23,6 +23,7 @@ use crate::scenario::{Compute, Scenario};
 use crate::snapshot::Snapshot;
 use crate::soak::Sampler;
 use crate::source::Source;
+use crate::source::live::Switches;
 use crate::world::World;
 
 /// A run that is to be made in a folder.
@@ -55,6 +56,8 @@ pub struct Drive<'a> {
     pub state: Option<Snapshot>,
     /// Evaluations before that.
     pub curve: Vec<CurvePoint>,
+    /// What people ask of a robot.
+    pub switches: Switches,
 }
 
 impl<'a> Drive<'a> {
@@ -83,6 +86,7 @@ impl<'a> Drive<'a> {
             keep: false,
             state: None,
             curve: Vec::new(),
+            switches: Switches::default(),
         }
     }
 
@@ -99,7 +103,7 @@ impl<'a> Drive<'a> {
         let (checkpoint, state) = (self.run.join(CHECKPOINT_NAME), self.run.join(STATE_NAME));
         let most = self.most_actions.unwrap_or(u64::MAX).min(scenario.actions as u64);
         let likely = self.likely_actions.unwrap_or(u64::MAX).min(most);
-        let controls = Arc::new(Controls::default());
+        let controls = Arc::new(Controls::sharing(self.switches.paused.clone(), self.switches.go_on.clone()));
         world.appearance.prepare();
         let rendered_by = || world.appearance.rendered_by();
         let outcome = watched(self.quiet, likely, self.sampler, |status| {

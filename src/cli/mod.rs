@@ -4,6 +4,7 @@
 
 mod check;
 mod compare;
+mod doctor;
 mod drive;
 mod evaluate;
 mod experiment;
@@ -26,6 +27,7 @@ mod watch;
 use std::io::{ErrorKind, Write};
 use std::net::SocketAddr;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -44,6 +46,12 @@ pub enum Ending {
 }
 
 impl Ending {
+    fn into_text(self) -> String {
+        match self {
+            Ending::Failed(text) | Ending::Usage(text) | Ending::DataLoss(text) => text,
+        }
+    }
+
     fn usage(error: impl std::fmt::Display) -> Self {
         Ending::Usage(error.to_string())
     }
@@ -105,6 +113,8 @@ pub enum Command {
     Soak(SoakArgs),
     /// Show a run in the terminal while it goes on: camera, map with value and policy, curves, features, health.
     Watch(WatchArgs),
+    /// Look for a robot before a run: what its network has, what the scenario misses, the camera's first picture.
+    Doctor(DoctorArgs),
 }
 
 /// Arguments of `adagio run`.
@@ -177,6 +187,34 @@ pub struct WatchArgs {
     /// Print one picture as plain text and leave.
     #[arg(long)]
     pub once: bool,
+}
+
+/// What a robot is on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Network {
+    /// A ROS 2 network.
+    Ros2,
+}
+
+/// Arguments of `adagio doctor`.
+#[derive(Debug, Args)]
+pub struct DoctorArgs {
+    /// What the robot is on.
+    pub network: Network,
+    /// Scenario file with robot.body = "ros2" [default: the names that robots usually have].
+    pub scenario: Option<PathBuf>,
+    /// Change a key of the scenario; repeatable.
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+    /// How long to listen, seconds.
+    #[arg(long, default_value_t = 5.0)]
+    pub seconds: f64,
+    /// Keep the camera's first picture as a PNG file.
+    #[arg(long, value_name = "FILE")]
+    pub picture: Option<PathBuf>,
+    /// Machine-readable result.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Arguments of `adagio check`.
@@ -402,7 +440,7 @@ pub fn finishes(command: &Command) -> Option<&'static str> {
 ///
 /// # Errors
 /// How it ended, if not as it should.
-pub fn dispatch(cli: Cli, stop: &AtomicBool) -> Result<(), Ending> {
+pub fn dispatch(cli: Cli, stop: &Arc<AtomicBool>) -> Result<(), Ending> {
     match cli.command {
         Command::Run(args) => run::run(&args, stop),
         Command::Check(args) => check::check(&args),
@@ -417,6 +455,7 @@ pub fn dispatch(cli: Cli, stop: &AtomicBool) -> Result<(), Ending> {
         Command::Experiment(args) => experiment::experiment(&args, stop),
         Command::Soak(args) => soak::soak(&args, stop),
         Command::Watch(args) => watch::watch(&args, stop),
+        Command::Doctor(args) => doctor::doctor(&args),
     }
 }
 

@@ -5,7 +5,8 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use super::drive::{self, Drive, log_options, metadata};
-use super::{Ending, ResumeArgs, robot};
+use super::robot::{self, Robot};
+use super::{Ending, ResumeArgs};
 use crate::agent::{STATE_NAME, SavedState, read_state};
 use crate::log::run::Repeating;
 use crate::log::{Folder, RunLog, log_files};
@@ -16,7 +17,7 @@ use crate::source::{Recorded, Resumed};
 use crate::world::World;
 
 /// Go on with a run that was ended before its last action: by Ctrl-C, by a kill, by a power loss.
-pub fn resume(args: &ResumeArgs, stop: &AtomicBool) -> Result<(), Ending> {
+pub fn resume(args: &ResumeArgs, stop: &Arc<AtomicBool>) -> Result<(), Ending> {
     if !args.run.is_dir() {
         return Err(Ending::Usage(format!("{} is no run folder: a run goes on in its folder", args.run.display())));
     }
@@ -51,7 +52,7 @@ fn go_on(
     args: &ResumeArgs,
     recording: &Recording,
     scenario: Arc<Scenario>,
-    stop: &AtomicBool,
+    stop: &Arc<AtomicBool>,
 ) -> Result<Report, String> {
     let text = |error: &dyn std::fmt::Display| error.to_string();
     let world = Arc::new(World::new(&scenario).map_err(|e| text(&e))?);
@@ -91,7 +92,14 @@ fn go_on(
         curve = recording.curve(kept.frame, &scenario);
     }
     let log = log.expecting(expected, Repeating::Skip);
-    let mut source = Resumed::new(recorded, robot::open(&scenario, &world));
+    let next = course.last_frame().map_or(0, |last| last + 1);
+    let Robot { source: live, switches, is_real } =
+        robot::open(&scenario, &world, stop, next).map_err(Ending::into_text)?;
+    let mut source = match is_real {
+        // It is where it is, and has done already what the log says.
+        true => Resumed::beside(recorded, live),
+        false => Resumed::repeating(recorded, live),
+    };
     let drive = Drive {
         recording: Some(&course),
         report: !args.no_report,
@@ -99,6 +107,8 @@ fn go_on(
         keep: true,
         state: kept.map(|kept| kept.snapshot),
         curve,
+        evaluate: !is_real,
+        switches,
         ..Drive::new(&scenario, &world, &args.run, stop, args.quiet)
     };
     drive.go(&mut source, log)

@@ -5,7 +5,8 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use super::drive::{self, Drive};
-use super::{Ending, RunArgs, folder, robot};
+use super::robot::{self, Robot};
+use super::{Ending, RunArgs, folder};
 use crate::agent::{self, Memory};
 use crate::live::serve::{ServeError, Server};
 use crate::report::{Origin, Report};
@@ -14,20 +15,22 @@ use crate::soak::Sampler;
 use crate::world::World;
 
 /// Run a scenario in a new folder, evaluate what was learned, and write the report.
-pub fn run(args: &RunArgs, stop: &AtomicBool) -> Result<(), Ending> {
+pub fn run(args: &RunArgs, stop: &Arc<AtomicBool>) -> Result<(), Ending> {
     let mut sets = args.set.clone();
     sets.extend(args.seed.map(|seed| format!("seed={seed}")));
     sets.extend(args.actions.map(|actions| format!("actions={actions}")));
     let scenario = Arc::new(load(&args.scenario, &sets)?);
-    // Before there is a folder: an address that is taken leaves nothing behind.
+    // Before there is a folder: an address that is taken, or a robot that is not there, leaves nothing behind.
     let server = server(args)?;
+    let world = Arc::new(World::new(&scenario)?);
+    let robot = robot::open(&scenario, &world, stop, 0)?;
     let run = folder::create(args.out.as_deref(), &scenario)?;
     if let Some(server) = &server {
         eprintln!("the run can be watched at {}", server.url());
         server.warning().into_iter().for_each(|warning| eprintln!("warning: {warning}"));
     }
     let extras = Extras { quiet: args.quiet, report: !args.no_report, sampler: None, server: server.as_ref() };
-    drive::ending(in_folder(&scenario, &run, &extras, stop), &run, args.json)
+    drive::ending(in_folder(&scenario, &world, robot, &run, &extras, stop), &run, args.json)
 }
 
 /// The page that is asked for, if one is.
@@ -103,19 +106,24 @@ pub struct Extras<'a> {
 /// Run a scenario in a folder that was made for it. The error is one for people.
 pub fn in_folder(
     scenario: &Arc<Scenario>,
+    world: &Arc<World>,
+    robot: Robot,
     run: &Path,
     extras: &Extras<'_>,
     stop: &AtomicBool,
 ) -> Result<Report, String> {
-    let log = drive::begin(run, scenario, &Origin::default())?;
-    let world = Arc::new(World::new(scenario).map_err(|error| error.to_string())?);
-    let mut source = robot::open(scenario, &world);
+    let Robot { mut source, switches, is_real } = robot;
+    let origin = Origin { elsewhere: is_real, ..Origin::default() };
+    let log = drive::begin(run, scenario, &origin)?;
     let drive = Drive {
         report: extras.report,
         sampler: extras.sampler,
         server: extras.server,
         keep: true,
-        ..Drive::new(scenario, &world, run, stop, extras.quiet)
+        origin,
+        evaluate: !is_real,
+        switches,
+        ..Drive::new(scenario, world, run, stop, extras.quiet)
     };
     drive.go(&mut *source, log)
 }

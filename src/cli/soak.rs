@@ -5,17 +5,18 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use super::run::{Extras, in_folder, load};
-use super::{Ending, SoakArgs, drive, folder, print, print_json};
+use super::{Ending, SoakArgs, drive, folder, print, print_json, robot};
 use crate::log::{Ending as LogEnding, log_files, summarise};
 use crate::report::Report;
 use crate::scenario::{Change, ChangeKind, Scenario};
 use crate::soak::{Sampler, Soak, check_rules, page};
+use crate::world::World;
 
 /// Longest soak test, hours: ten years.
 const MOST_HOURS: f64 = 87_600.0;
 
 /// Run a scenario for so many hours of driving, watched, and check_rules the run.
-pub fn soak(args: &SoakArgs, stop: &AtomicBool) -> Result<(), Ending> {
+pub fn soak(args: &SoakArgs, stop: &Arc<AtomicBool>) -> Result<(), Ending> {
     if !(args.hours > 0.0 && args.hours <= MOST_HOURS) {
         return Err(Ending::Usage(format!("--hours {} is not allowed: it must be in (0, {MOST_HOURS}]", args.hours)));
     }
@@ -25,10 +26,12 @@ pub fn soak(args: &SoakArgs, stop: &AtomicBool) -> Result<(), Ending> {
     let first = Scenario::load(&args.scenario, &sets).map_err(Ending::usage)?;
     sets.push(format!("actions={}", (args.hours * 3600.0 / first.robot.action_seconds).ceil()));
     let scenario = Arc::new(load(&args.scenario, &sets)?);
+    let world = Arc::new(World::new(&scenario)?);
+    let robot = robot::open(&scenario, &world, stop, 0)?;
     let run = folder::create(args.out.as_deref(), &scenario)?;
     let sampler = Sampler::new(&run, scenario.actions as u64, scenario.robot.action_seconds);
     let extras = Extras { quiet: args.quiet, report: true, sampler: Some(&sampler), server: None };
-    let soak = in_folder(&scenario, &run, &extras, stop)
+    let soak = in_folder(&scenario, &world, robot, &run, &extras, stop)
         .and_then(|report| judged(&scenario, &run, &report, &sampler))
         .map_err(|reason| drive::kept(&reason, &run))?;
     if args.json {

@@ -18,6 +18,7 @@ pub(super) fn check(s: &Scenario, reader: &mut Reader<'_>) {
     tasks(s, reader);
     shows(s, reader);
     contradictions(s, reader);
+    bodies(s, reader);
     rooms(s, reader);
     if s.world.walls.is_empty() {
         if reader.sound(&["world"]) {
@@ -43,6 +44,26 @@ pub(super) fn check(s: &Scenario, reader: &mut Reader<'_>) {
                 place(s, &fault, reader);
             }
             goals_alone(s, reader);
+        }
+    }
+}
+
+/// What only the disc that is where its actions lead can do, and what only a robot with a mass can.
+fn bodies(s: &Scenario, reader: &mut Reader<'_>) {
+    if s.body.is_none() {
+        for number in 0..s.world.movables.len() {
+            let text = "is for a robot with a mass: robot.body = \"dynamic\"".to_owned();
+            reader.fault_at(&format!("world.movable.{number}"), text);
+        }
+    }
+    if s.motion.is_none() {
+        return;
+    }
+    for (section, count) in [("change", s.changes.len()), ("show", s.shows.len())] {
+        for number in 0..count {
+            let text =
+                "needs robot.body = \"kinematic\": it is timed by actions that take the same time each".to_owned();
+            reader.fault_at(&format!("{section}.{number}"), text);
         }
     }
 }

@@ -193,17 +193,27 @@ impl Source for Recorded {
 pub struct Resumed {
     recorded: Recorded,
     live: Box<dyn Source + Send>,
+    /// Whether the robot does what the recorded one did, while those frames are given.
+    repeats: bool,
 }
 
 impl Resumed {
     /// The recorded frames, then those of `live`, a simulated robot at its start: it repeats what the recorded one did.
-    pub fn new(recorded: Recorded, live: Box<dyn Source + Send>) -> Self {
-        Resumed { recorded, live }
+    pub fn repeating(recorded: Recorded, live: Box<dyn Source + Send>) -> Self {
+        Resumed { recorded, live, repeats: true }
+    }
+
+    /// The recorded frames, then those of `live`, a robot that is where it is.
+    pub fn beside(recorded: Recorded, live: Box<dyn Source + Send>) -> Self {
+        Resumed { recorded, live, repeats: false }
     }
 }
 
 impl Source for Resumed {
     fn first(&mut self) -> Option<Frame> {
+        if !self.repeats {
+            return self.recorded.take().or_else(|| self.live.first());
+        }
         let first = self.live.first();
         self.recorded.take().or(first)
     }
@@ -219,11 +229,13 @@ impl Source for Resumed {
                 return true;
             }
             if ends {
-                return self.live.execute(action, &mut |_| true);
+                return !self.repeats || self.live.execute(action, &mut |_| true);
             }
         }
-        // The log may end in the middle of an action: the rest of its frames come from the robot.
-        self.live.execute(action, &mut |frame| last.is_some_and(|last| frame.number <= last) || give(frame))
+        // The log may end in the middle of an action: the rest of its frames come from a robot that repeats it. Another one says
+        // where it is, and that belongs to no action.
+        let repeats = self.repeats;
+        self.live.execute(action, &mut |frame| repeats && last.is_some_and(|last| frame.number <= last) || give(frame))
     }
 
     fn keep_journal(&mut self, journal: Option<Journal>) {

@@ -5,7 +5,7 @@
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use thiserror::Error;
@@ -43,8 +43,10 @@ pub enum Marking {
 /// What is asked of a run, shared between it and whoever asks.
 #[derive(Debug, Default)]
 pub struct Controls {
-    /// Looked at once per action, without a lock.
-    wanted: AtomicBool,
+    /// Looked at once per action, without a lock; a robot looks at it, too.
+    wanted: Arc<AtomicBool>,
+    /// A robot that is held may go on.
+    released: Arc<AtomicBool>,
     state: Mutex<State>,
     changed: Condvar,
 }
@@ -67,6 +69,16 @@ struct State {
 }
 
 impl Controls {
+    /// Controls that share with a robot whether the run is paused, and whether it may go on where it is held.
+    pub fn sharing(paused: Arc<AtomicBool>, released: Arc<AtomicBool>) -> Self {
+        Controls { wanted: paused, released, ..Controls::default() }
+    }
+
+    /// Let a robot go on that is held after a stop.
+    pub fn release(&self) {
+        self.released.store(true, Ordering::Release);
+    }
+
     /// Let the run stand still from its next decision on, or go on.
     pub fn pause(&self, paused: bool) {
         self.wanted.store(paused, Ordering::Release);

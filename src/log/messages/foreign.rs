@@ -5,6 +5,9 @@ use serde::{Deserialize, Serialize};
 use super::messages;
 use super::standard::{Header, Point, Pose, PoseWithCovariance, Quaternion, Time, Vector3};
 
+/// A velocity without a stamp: [`Twist`](super::Twist) on its own.
+pub const TWIST: &str = "geometry_msgs/msg/Twist";
+
 messages! {
     /// `sensor_msgs/msg/CompressedImage`: an image file.
     sensor_msgs / CompressedImage CompressedImage {
@@ -59,6 +62,25 @@ messages! {
     std_msgs / UInt64 UInt64 { data: u64, } in;
     /// `std_msgs/msg/Bool`.
     std_msgs / Bool Bool { data: bool, } in;
+    /// `sensor_msgs/msg/BatteryState`, the first of its fields.
+    sensor_msgs / BatteryState BatteryState {
+        /// When.
+        header: Header,
+        /// V.
+        voltage: f32,
+        /// °C.
+        temperature: f32,
+        /// A.
+        current: f32,
+        /// Ah.
+        charge: f32,
+        /// Ah.
+        capacity: f32,
+        /// Ah.
+        design_capacity: f32,
+        /// As a share.
+        percentage: f32,
+    } in Header Time;
     /// `std_msgs/msg/Float32`.
     std_msgs / Float32 Float32 { data: f32, } in;
     /// `std_msgs/msg/Float64`.

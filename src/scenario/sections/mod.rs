@@ -6,6 +6,7 @@ mod conduct;
 mod learning;
 mod motion;
 mod robot;
+mod ros2;
 mod world;
 
 pub use agent::*;
@@ -14,6 +15,7 @@ pub use conduct::*;
 pub use learning::*;
 pub use motion::{Equipment, Motion, Safety};
 pub use robot::*;
+pub use ros2::{CommandType, Ros2};
 pub use world::{Renderer, World};
 
 use std::path::Path;
@@ -38,6 +40,8 @@ pub struct Scenario {
     pub robot: Robot,
     /// `[motion]` and `[safety]`, of robots that take velocities.
     pub motion: Option<Motion>,
+    /// `[ros2]`, of robots on such a network.
+    pub ros2: Option<Ros2>,
     /// `[body]`, of simulated robots with a mass.
     pub body: Option<BodySettings>,
     /// `[camera]`
@@ -84,6 +88,7 @@ impl Scenario {
                 "motion",
                 "safety",
                 "body",
+                "ros2",
                 "camera",
                 "vision",
                 "dictionary",
@@ -106,20 +111,21 @@ impl Scenario {
         });
         let world = World::read(reader, base);
         let robot = reader.section("robot", "", Robot::read);
-        let (motion, body) = match robot.body {
-            Body::Kinematic => {
-                for section in ["motion", "safety", "body"] {
-                    reader.refuse_section(section, "is for a robot that takes velocities: robot.body = \"dynamic\"");
-                }
-                (None, None)
-            }
-            Body::Dynamic => {
-                let motion = Motion::read(reader);
-                let body =
-                    reader.section("body", "the simulated robot's mass, motors, wheels, sensors", BodySettings::read);
-                (Some(motion), Some(body))
-            }
-        };
+        let (dynamic, on_ros2) = (robot.body == Body::Dynamic, robot.body == Body::Ros2);
+        let motion = (dynamic || on_ros2).then(|| Motion::read(reader));
+        let body = dynamic
+            .then(|| reader.section("body", "the simulated robot's mass, motors, wheels, sensors", BodySettings::read));
+        let ros2 = on_ros2.then(|| reader.section("ros2", "a robot on a ROS 2 network", Ros2::read));
+        let either = "\"dynamic\" or \"ros2\"";
+        let uses = [
+            ("motion", motion.is_some(), either),
+            ("safety", motion.is_some(), either),
+            ("body", dynamic, "\"dynamic\""),
+            ("ros2", on_ros2, "\"ros2\""),
+        ];
+        for (section, _, bodies) in uses.into_iter().filter(|(_, used, _)| !used) {
+            reader.refuse_section(section, &format!("is for robot.body = {bodies}"));
+        }
         let mut scenario = Scenario {
             name,
             seed,
@@ -128,6 +134,7 @@ impl Scenario {
             robot,
             motion,
             body,
+            ros2,
             camera: reader.section("camera", "", Camera::read),
             vision: reader.section("vision", "camera image to observation", Vision::read),
             dictionary: reader.section("dictionary", "support vectors", Dictionary::read),

@@ -10,6 +10,8 @@ pub enum Body {
     Kinematic,
     /// A simulated body with a mass, which takes velocities.
     Dynamic,
+    /// A robot on a ROS 2 network.
+    Ros2,
 }
 
 /// `[robot]`
@@ -116,8 +118,8 @@ impl Robot {
             body: s.choice(
                 "body",
                 0,
-                &[("kinematic", Body::Kinematic), ("dynamic", Body::Dynamic)],
-                "a disc that is where an action leads, or a body with a mass that takes velocities",
+                &[("kinematic", Body::Kinematic), ("dynamic", Body::Dynamic), ("ros2", Body::Ros2)],
+                "a simulated disc that is where an action leads, a simulated body with a mass that takes velocities, a robot",
             ),
             pose_known: s.choice(
                 "pose",

@@ -14,7 +14,7 @@
 //! - Vision makes observations of the images right here, so that what waits for the end of its action is small.
 
 mod actions;
-mod picture;
+pub mod picture;
 mod senses;
 mod topics;
 

@@ -411,9 +411,12 @@ impl Drive {
 impl Drive {
     /// Save or restore it, between two actions. Where time does not go on where it was, only the count of frames is kept.
     pub fn persist(&mut self, snapshot: &mut Snapshot, time_goes_on: bool) -> Result<(), SnapshotError> {
+        let next = self.number;
         snapshot.value("number", &mut self.number)?;
         snapshot.value("taken_ns", &mut self.taken_ns)?;
         if !time_goes_on {
+            // Frames that were recorded after the state have their numbers already.
+            self.number = self.number.max(next);
             return Ok(());
         }
         snapshot.inner("safety", &mut self.safety)?;

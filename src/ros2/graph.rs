@@ -1,0 +1,256 @@
+//! Who publishes and who listens, and our own node among them.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use ros2_client::qos::{History, WhenFull};
+use ros2_client::{
+    Context, ContextOptions, MessageTypeName, Name, Node, NodeName, NodeOptions, Publisher, QosProfile, Subscription,
+};
+use serde::Serialize;
+use thiserror::Error;
+
+use crate::scenario::Ros2;
+
+/// Why there is no robot.
+#[derive(Debug, Error, Clone, PartialEq)]
+pub enum LinkError {
+    /// The network or a name in it.
+    #[error("ROS 2, domain {domain}: {cause}")]
+    Network {
+        /// The DDS domain.
+        domain: u16,
+        /// What the middleware says.
+        cause: String,
+    },
+    /// Nobody publishes a topic.
+    #[error("ros2.{key} = {topic:?}: nobody publishes it on domain {domain} ({waited:.0} s); there {}", list(seen))]
+    Silent {
+        /// The scenario's key.
+        key: &'static str,
+        /// The topic.
+        topic: String,
+        /// The DDS domain.
+        domain: u16,
+        /// How long we listened, seconds.
+        waited: f64,
+        /// What is published, with types.
+        seen: Vec<String>,
+    },
+    /// A topic of another type.
+    #[error("ros2.{key} = {topic:?} is published as {found}: it must be {wanted}")]
+    Type {
+        /// The scenario's key.
+        key: &'static str,
+        /// The topic.
+        topic: String,
+        /// Its types.
+        found: String,
+        /// What it may be.
+        wanted: String,
+    },
+    /// Nobody listens to velocities.
+    #[error("ros2.command = {topic:?}: nobody listens to it on domain {domain} ({waited:.0} s); there {}", list(seen))]
+    Deaf {
+        /// The topic.
+        topic: String,
+        /// The DDS domain.
+        domain: u16,
+        /// How long we waited, seconds.
+        waited: f64,
+        /// What is listened to, with types.
+        seen: Vec<String>,
+    },
+    /// Some listen to one type of velocity, some to the other.
+    #[error("ros2.command = {0:?} is listened to as Twist and as TwistStamped: set ros2.command_type to the base's")]
+    BothTypes(String),
+    /// Images that cannot be used.
+    #[error("ros2.camera = {topic:?}: {reason}")]
+    Camera {
+        /// The topic.
+        topic: String,
+        /// Why.
+        reason: String,
+    },
+}
+
+fn list(seen: &[String]) -> String {
+    if seen.is_empty() { "is nothing".to_owned() } else { format!("is: {}", seen.join(", ")) }
+}
+
+/// One end of a topic.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+pub struct End {
+    /// The topic.
+    pub topic: String,
+    /// Its type, as in `sensor_msgs/msg/Image`.
+    pub kind: String,
+    /// Whether messages may be lost; `None` where that was not said.
+    pub best_effort: Option<bool>,
+}
+
+/// The network, with our node in it.
+pub struct Graph {
+    settings: Ros2,
+    context: Context,
+    node: Node,
+}
+
+impl Graph {
+    /// Put our node on the network.
+    ///
+    /// # Errors
+    /// [`LinkError::Network`].
+    pub fn join(settings: &Ros2) -> Result<Self, LinkError> {
+        let from_environment = || std::env::var("ROS_DOMAIN_ID").ok().and_then(|id| id.trim().parse().ok());
+        let domain = settings.domain.or_else(from_environment).unwrap_or(0);
+        let failed = |cause: String| LinkError::Network { domain, cause };
+        let context = Context::with_options(ContextOptions::new().domain_id(domain));
+        let context = context.map_err(|error| failed(error.to_string()))?;
+        let namespace = settings.topic("").trim_end_matches('/').to_owned();
+        let namespace = if namespace.is_empty() { "/".to_owned() } else { namespace };
+        let name = NodeName::new(&namespace, &settings.node);
+        let name = name.map_err(|error| failed(format!("ros2.node or ros2.namespace: {error:?}")))?;
+        let options = NodeOptions::new().enable_rosout(true).start_parameter_services(false);
+        let node = context.new_node(name, options).map_err(|error| failed(error.to_string()))?;
+        Ok(Graph { settings: settings.clone(), context, node })
+    }
+
+    /// The DDS domain.
+    pub fn domain(&self) -> u16 {
+        self.context.domain_id()
+    }
+
+    /// Everything that others publish.
+    pub fn published(&self) -> Vec<End> {
+        let writers = self.context.domain_participant().discovered_writers();
+        let end = |writer: &ros2_client::dds::rustdds::discovery::DiscoveredWriterData| {
+            let data = &writer.publication_topic_data;
+            end(&data.topic_name, &data.type_name, data.reliability.map(|of| is_best_effort(&of)))
+        };
+        sorted(writers.iter().filter_map(end))
+    }
+
+    /// Everything that others listen to.
+    pub fn listened_to(&self) -> Vec<End> {
+        let readers = self.context.domain_participant().discovered_readers();
+        sorted(readers.iter().filter_map(|reader| {
+            let data = &reader.subscription_topic_data;
+            end(data.topic_name(), data.type_name(), None)
+        }))
+    }
+
+    /// Wait until somebody publishes a topic as one of some types: which.
+    ///
+    /// # Errors
+    /// [`LinkError::Silent`], [`LinkError::Type`].
+    pub fn wait_for(
+        &self,
+        key: &'static str,
+        topic: &str,
+        kinds: &[&str],
+        until: std::time::Instant,
+    ) -> Result<String, LinkError> {
+        loop {
+            let published = self.published();
+            let found: Vec<&End> = published.iter().filter(|end| end.topic == topic).collect();
+            if let Some(end) = found.iter().find(|end| kinds.contains(&end.kind.as_str())) {
+                return Ok(end.kind.clone());
+            }
+            if let Some(other) = found.first() {
+                let (found, wanted) = (other.kind.clone(), kinds.join(" or "));
+                return Err(LinkError::Type { key, topic: topic.to_owned(), found, wanted });
+            }
+            if std::time::Instant::now() >= until {
+                let (domain, waited) = (self.domain(), self.settings.wait_seconds);
+                return Err(LinkError::Silent {
+                    key,
+                    topic: topic.to_owned(),
+                    domain,
+                    waited,
+                    seen: texts(&published),
+                });
+            }
+            std::thread::sleep(LOOK_INTERVAL);
+        }
+    }
+
+    /// Listen to a topic.
+    ///
+    /// # Errors
+    /// [`LinkError::Network`].
+    pub fn subscribe<M: 'static>(
+        &mut self,
+        topic: &str,
+        kind: &str,
+        qos: QosProfile,
+    ) -> Result<Subscription<M>, LinkError> {
+        let failed = |cause: String| LinkError::Network { domain: self.context.domain_id(), cause };
+        let (name, kind) = names(topic, kind).map_err(failed)?;
+        let handle = self.node.create_topic(&name, kind, &qos).map_err(|error| failed(error.to_string()))?;
+        self.node.create_subscription(&handle, Some(qos)).map_err(|error| failed(error.to_string()))
+    }
+
+    /// Publish on a topic, reliably, the newest message alone.
+    ///
+    /// # Errors
+    /// [`LinkError::Network`].
+    pub fn publish<M: Serialize>(&mut self, topic: &str, kind: &str) -> Result<Publisher<M>, LinkError> {
+        let failed = |cause: String| LinkError::Network { domain: self.context.domain_id(), cause };
+        // Nobody waits for a listener that does not answer.
+        let qos = QosProfile::publisher_default()
+            .reliability_reliable(WhenFull::Fail)
+            .history(History::KeepLast { depth: 1 });
+        let (name, kind) = names(topic, kind).map_err(failed)?;
+        let handle = self.node.create_topic(&name, kind, &qos).map_err(|error| failed(error.to_string()))?;
+        self.node.create_publisher(&handle, Some(qos)).map_err(|error| failed(error.to_string()))
+    }
+}
+
+/// How often the network is looked at while something is waited for.
+pub const LOOK_INTERVAL: Duration = Duration::from_millis(50);
+
+/// Sensors: what is lost is lost, and the newest five are kept (REP 2003).
+pub fn sensor_qos() -> QosProfile {
+    QosProfile::subscription_default().reliability_best_effort().history(History::KeepLast { depth: 5 })
+}
+
+/// Words and switches, of which none may be lost.
+pub fn reliable_qos() -> QosProfile {
+    QosProfile::subscription_default().reliability_reliable(WhenFull::DEFAULT).history(History::KeepLast { depth: 10 })
+}
+
+/// Topics with their types, for people.
+pub fn texts(ends: &[End]) -> Vec<String> {
+    let mut kinds: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+    for end in ends {
+        let known = kinds.entry(&end.topic).or_default();
+        if !known.contains(&end.kind.as_str()) {
+            known.push(&end.kind);
+        }
+    }
+    kinds.into_iter().map(|(topic, kinds)| format!("{topic} ({})", kinds.join(", "))).collect()
+}
+
+fn names(topic: &str, kind: &str) -> Result<(Name, MessageTypeName), String> {
+    let name = Name::parse(topic).map_err(|error| format!("{topic:?} is no name of a topic: {error:?}"))?;
+    let (package, of) = kind.split_once("/msg/").ok_or_else(|| format!("{kind:?} is no type of messages"))?;
+    Ok((name, MessageTypeName::new(package, of)))
+}
+
+fn is_best_effort(reliability: &ros2_client::ros2::policy::Reliability) -> bool {
+    matches!(reliability, ros2_client::ros2::policy::Reliability::BestEffort)
+}
+
+/// From DDS's names: topics are `rt/…`, types `package::msg::dds_::Type_`; everything else is a service's.
+fn end(topic: &str, kind: &str, best_effort: Option<bool>) -> Option<End> {
+    let topic = topic.strip_prefix("rt")?.to_owned();
+    let (package, of) = kind.split_once("::msg::dds_::")?;
+    Some(End { topic, kind: format!("{package}/msg/{}", of.trim_end_matches('_')), best_effort })
+}
+
+fn sorted(ends: impl Iterator<Item = End>) -> Vec<End> {
+    let mut ends: Vec<End> = ends.collect();
+    ends.sort();
+    ends
+}

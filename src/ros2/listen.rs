@@ -1,0 +1,55 @@
+//! Threads that listen, each to its own kind of topics.
+
+use std::future::Future;
+use std::pin::Pin;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use ros2_client::Subscription;
+use serde::de::DeserializeOwned;
+
+/// How often a thread that hears nothing sees whether it is to end.
+const LOOK_INTERVAL: Duration = Duration::from_millis(200);
+
+/// Something that is listened to, until the flag is set.
+pub type Ear = Box<dyn FnOnce(Arc<AtomicBool>) -> Pin<Box<dyn Future<Output = ()>>> + Send>;
+
+/// Do something with each message of a topic; those that cannot be decoded are counted as `broken`.
+pub fn ear<M: DeserializeOwned + Send + 'static>(
+    subscription: Subscription<M>,
+    mut take: impl FnMut(M) + Send + 'static,
+    mut broken: impl FnMut(String) + Send + 'static,
+) -> Ear {
+    Box::new(move |over| {
+        Box::pin(async move {
+            while !over.load(Ordering::Relaxed) {
+                match tokio::time::timeout(LOOK_INTERVAL, subscription.async_take()).await {
+                    Ok(Ok((message, _))) => take(message),
+                    Ok(Err(error)) => broken(error.to_string()),
+                    Err(_) => {}
+                }
+            }
+        })
+    })
+}
+
+/// A thread that listens with all of some ears.
+///
+/// # Errors
+/// The system has no thread left.
+pub fn listen(name: &str, ears: Vec<Ear>, over: &Arc<AtomicBool>) -> std::io::Result<JoinHandle<()>> {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build()?;
+    let over = over.clone();
+    std::thread::Builder::new().name(name.into()).spawn(move || {
+        let local = tokio::task::LocalSet::new();
+        let tasks: Vec<_> = ears.into_iter().map(|ear| local.spawn_local(ear(over.clone()))).collect();
+        runtime.block_on(local.run_until(async {
+            for task in tasks {
+                // A task that panicked is silent from now on, and silence stops the robot.
+                let _ = task.await;
+            }
+        }));
+    })
+}

@@ -1,0 +1,15 @@
+//! A robot on a ROS 2 network, without a ROS installation: DDS in pure Rust.
+//!
+//! [`Link`] is a [`Base`](crate::source::live::Base): images, odometry and the rest come in on threads of their own, so that a
+//! camera never holds up a velocity; velocities go out from the loop of control. A watchdog with a thread and a publisher of its own
+//! says zero when that loop hangs. [`Doctor`] says what is on the network before anything drives.
+
+mod doctor;
+mod graph;
+mod link;
+mod listen;
+mod watchdog;
+
+pub use doctor::{Doctor, Finding};
+pub use graph::{Graph, LinkError};
+pub use link::Link;
