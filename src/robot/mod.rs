@@ -10,7 +10,7 @@ mod safety;
 mod velocity;
 
 pub use actions::{Action, ActionSet, ActionSpec, ActionValues, MOST_ACTIONS, Motion};
-pub use clock::RobotClock;
+pub use clock::{RobotClock, Stamps};
 pub use controller::{Controller, MotionEnd, MotionSettings, Odometry};
 pub use pose::{Pose, wrap};
 pub use safety::{Cause, Causes, DriveState, Safety, SafetySettings};

@@ -352,12 +352,12 @@ fn switches(
         let take = move |scan: msg::LaserScan| of.put(scan.header.stamp_ns(), Reading::Scan(Arc::new(Scan::of(&scan))));
         ears.push(ear(subscription, take, shared.count_broken()));
     }
-    let bools: [(&str, &str, fn(bool) -> Reading); 3] = [
-        ("bumper", &settings.bumper, Reading::Bumper),
-        ("emergency_stop", &settings.emergency_stop, Reading::EmergencyStop),
-        ("lock", &settings.lock, Reading::Lock),
+    let bools = [
+        (&settings.bumper, Reading::Bumper as fn(bool) -> Reading),
+        (&settings.emergency_stop, Reading::EmergencyStop),
+        (&settings.lock, Reading::Lock),
     ];
-    for (_, topic, reading) in bools.into_iter().filter(|(_, topic, _)| !topic.is_empty()) {
+    for (topic, reading) in bools.into_iter().filter(|(topic, _)| !topic.is_empty()) {
         let topic = settings.topic(topic);
         // One that is not there yet is silent, and that stops the robot.
         let subscription = graph.subscribe::<foreign::Bool>(&topic, foreign::Bool::TYPE, reliable_qos())?;

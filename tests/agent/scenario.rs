@@ -203,6 +203,19 @@ fn an_image_file_can_paper_a_wall() {
 const REFERENCE: &str =
     "<!-- Everything below is made from the keys: ADAGIO_BLESS=1 cargo test --release --test agent reference -->\n";
 
+/// Robots that take velocities.
+const OTHER_BODIES: [&str; 2] = [
+    "robot.body = \"dynamic\"\n[[world.room]]\ncorners = [[0, 0], [3, 2]]\n[[world.movable]]\nat = [0.5, 0.5]\n[[task]]\n",
+    "robot.body = \"ros2\"\n[[world.room]]\ncorners = [[0, 0], [3, 2]]\n[[task]]\n",
+];
+
+/// The titles of a text's sections.
+fn titles(text: &str) -> impl Iterator<Item = &str> {
+    text.lines()
+        .filter(|line| line.starts_with('['))
+        .map(|line| line.split_once("  # ").map_or(line, |(title, _)| title))
+}
+
 /// A scenario with every kind of section, each with the keys alone that it needs.
 const EVERYTHING: &str = "
 [[world.room]]
@@ -237,7 +250,19 @@ task = \"task 2\"
 fn reference() -> String {
     let missing = faults_of("[[world.room]]\n[[world.wall]]\n[[world.distractor]]\n", &[]);
     let is_required = |key: &str| missing.iter().any(|fault| fault.key.rsplit('.').next() == Some(key));
-    let written = Scenario::parse(EVERYTHING, Path::new("FILE.toml"), &[]).unwrap().text;
+    let written = |text: &str| Scenario::parse(text, Path::new("FILE.toml"), &[]).unwrap().text;
+    let mut all = written(EVERYTHING);
+    // What only other bodies have.
+    let known: Vec<String> = titles(&all).map(str::to_owned).collect();
+    for body in OTHER_BODIES {
+        let other = written(body);
+        let new =
+            other.split("\n\n").filter(|section| titles(section).any(|title| !known.iter().any(|of| of == title)));
+        for section in new.filter(|section| !all.contains(*section)).collect::<Vec<_>>() {
+            all = format!("{}\n\n{section}", all.trim_end());
+        }
+    }
+    let written = all;
     let mut out = String::new();
     // The top of the file has no title; its keys come first.
     for section in format!("\nTop of the file\n{written}").split("\n\n") {

@@ -16,8 +16,8 @@ use nalgebra::Point2;
 
 use super::base::{Reading, Received, Scan};
 use crate::robot::{
-    Action, ActionSet, Cause, Causes, Controller, DriveState, MotionEnd, Odometry, Pose, RobotClock, Safety, Velocity,
-    wrap,
+    Action, ActionSet, Cause, Causes, Controller, DriveState, MotionEnd, Odometry, Pose, RobotClock, Safety, Stamps,
+    Velocity, wrap,
 };
 use crate::scenario::{Equipment, Motion, Scenario};
 use crate::snapshot::{Snapshot, SnapshotError};
@@ -26,9 +26,6 @@ use crate::vision::Image;
 
 /// Poses that are kept for images that come in later than these, nanoseconds.
 const KEPT_NS: u64 = 2_000_000_000;
-
-/// A stamp that is earlier than the one before by more than this: the robot's clock was set back, nanoseconds.
-const SET_BACK_NS: u64 = 1_000_000_000;
 
 /// Images are taken that come a little before their time, as a share of the interval.
 const EARLY: f64 = 0.1;
@@ -86,25 +83,8 @@ enum Phase {
     Look,
     /// An action is on its way.
     Doing { action: Action, controller: Controller },
-    /// An action is over; the first image of this stamp or a later one ends it.
-    Ending { action: Action, blocked: bool, from_ns: u64 },
-}
-
-/// The times of a topic's readings.
-#[derive(Debug, Clone, Copy, Default)]
-struct Order {
-    last_ns: Option<u64>,
-}
-
-impl Order {
-    /// Whether a reading is later than the one before.
-    fn accepts(&mut self, stamp_ns: u64) -> bool {
-        let later = self.last_ns.is_none_or(|last| stamp_ns > last || last - stamp_ns > SET_BACK_NS);
-        if later {
-            self.last_ns = Some(stamp_ns);
-        }
-        later
-    }
+    /// An action is over; the first image that was taken since then ends it.
+    Ending { action: Action, blocked: bool, from: Duration },
 }
 
 /// Readings in, frames and velocities out.
@@ -112,13 +92,13 @@ pub struct Drive {
     scenario: Arc<Scenario>,
     motion: Motion,
     actions: ActionSet,
-    interval_ns: u64,
+    interval: Duration,
     safety: Safety,
     clock: RobotClock,
     phase: Phase,
-    images: Order,
-    odometries: Order,
-    scans: Order,
+    images: Stamps,
+    odometries: Stamps,
+    scans: Stamps,
     /// Odometry and true poses of the last seconds, by stamp.
     odometry: VecDeque<(u64, Odometry)>,
     poses: VecDeque<(u64, Pose)>,
@@ -128,9 +108,12 @@ pub struct Drive {
     /// A number for the pixels of the newest image.
     pixels: Option<u64>,
     bumper: bool,
+    /// When the newest odometry was measured, by our clock.
+    measured: Duration,
     number: u64,
-    /// Stamp of the newest frame.
+    /// Stamp of the newest frame, and when it was taken by our clock.
     taken_ns: Option<u64>,
+    taken: Option<Duration>,
     /// Where odometry was when an action ended.
     stood: Option<Pose>,
     told: (DriveState, Causes),
@@ -147,13 +130,13 @@ impl Drive {
         let any_reward = scenario.tasks.iter().any(|task| task.topic.is_some());
         Drive {
             actions: scenario.robot.actions(),
-            interval_ns: (1e9 * scenario.robot.frame_seconds()) as u64,
+            interval: Duration::from_secs_f64(scenario.robot.frame_seconds()),
             safety: Safety::new(settings),
             clock: RobotClock::default(),
             phase: Phase::Look,
-            images: Order::default(),
-            odometries: Order::default(),
-            scans: Order::default(),
+            images: Stamps::default(),
+            odometries: Stamps::default(),
+            scans: Stamps::default(),
             odometry: VecDeque::new(),
             poses: VecDeque::new(),
             sonar: vec![scenario.robot.sonar_range as f32; scenario.robot.sonars],
@@ -161,8 +144,10 @@ impl Drive {
             marks: Vec::new(),
             pixels: None,
             bumper: false,
+            measured: Duration::ZERO,
             number,
             taken_ns: None,
+            taken: None,
             stood: None,
             told: (DriveState::Standing, Causes::NONE),
             last_step: None,
@@ -269,11 +254,11 @@ impl Drive {
             }
             if let Some(end) = controller.ended() {
                 let blocked = end == MotionEnd::Blocked || end == MotionEnd::TimedOut && controller.share() < 0.5;
-                let (action, from_ns) = (*action, self.stamp());
+                let action = *action;
                 if end == MotionEnd::TimedOut {
                     self.note(format!("{} took too long: it ends where it is", self.actions.name(action)));
                 }
-                self.phase = Phase::Ending { action, blocked, from_ns };
+                self.phase = Phase::Ending { action, blocked, from: self.measured };
             }
         }
         if state == DriveState::Driven {
@@ -303,7 +288,7 @@ impl Drive {
 
     /// The newest stamp.
     fn stamp(&self) -> u64 {
-        self.odometries.last_ns.max(self.images.last_ns).unwrap_or_default()
+        self.odometries.last().max(self.images.last()).unwrap_or_default()
     }
 
     fn hear_odometry(&mut self, at: Duration, stamp_ns: u64, odometry: Odometry) {
@@ -312,12 +297,13 @@ impl Drive {
             self.unused.not_finite += 1;
             return;
         }
-        let before = self.odometries.last_ns;
-        if !self.odometries.accepts(stamp_ns) {
+        let before = self.odometries.last();
+        let Some(measured) = self.clock.sensed_at(&mut self.odometries, at, stamp_ns) else {
             self.unused.out_of_order += 1;
             return;
-        }
-        self.safety.hear_odometry(self.clock.sensed_at(at, stamp_ns), &odometry);
+        };
+        self.measured = measured;
+        self.safety.hear_odometry(measured, &odometry);
         if let (Some(before_ns), Some(&(_, before))) = (before, self.odometry.back()) {
             let seconds = stamp_ns.saturating_sub(before_ns) as f64 / 1e9;
             let limits = self.motion.settings.limits;
@@ -336,13 +322,13 @@ impl Drive {
     }
 
     fn hear_scan(&mut self, at: Duration, stamp_ns: u64, scan: &Scan) {
-        if !self.scans.accepts(stamp_ns) {
+        let Some(taken) = self.clock.sensed_at(&mut self.scans, at, stamp_ns) else {
             self.unused.out_of_order += 1;
             return;
-        }
+        };
         let robot = &self.scenario.robot;
         self.safety.hear_scan(
-            self.clock.sensed_at(at, stamp_ns),
+            taken,
             scan.clearance(0.0, robot.radius),
             scan.clearance(std::f64::consts::PI, robot.radius),
         );
@@ -350,48 +336,53 @@ impl Drive {
     }
 
     fn see(&mut self, at: Duration, stamp_ns: u64, image: Image) {
-        if !self.images.accepts(stamp_ns) {
+        let Some(taken) = self.clock.sensed_at(&mut self.images, at, stamp_ns) else {
             self.unused.out_of_order += 1;
             return;
-        }
+        };
         let mut hasher = DefaultHasher::new();
         hasher.write(&image.rgb);
         let pixels = Some(hasher.finish());
         let changed = std::mem::replace(&mut self.pixels, pixels) != pixels;
-        self.safety.see(self.clock.sensed_at(at, stamp_ns), changed);
-        let waited = self.taken_ns.is_none_or(|taken| {
-            let interval = (1.0 - EARLY) * self.interval_ns as f64;
-            // A clock that was set back is a clock like another.
-            stamp_ns < taken || (stamp_ns - taken) as f64 >= interval
-        });
+        self.safety.see(taken, changed);
+        let interval = self.interval.mul_f64(1.0 - EARLY);
+        let waited = self.taken.is_none_or(|before| taken.saturating_sub(before) >= interval);
         let (state, still) = (self.safety.state(), self.safety.is_still());
         let stands = still && state == DriveState::Standing;
         match self.phase {
             Phase::Doing { action, .. } if waited && state == DriveState::Driving => {
-                self.take(stamp_ns, image, Some(action), None);
+                self.take(stamp_ns, taken, image, Some(action), None);
             }
-            Phase::Ending { action, blocked, from_ns } if stamp_ns >= from_ns || from_ns - stamp_ns > SET_BACK_NS => {
-                self.take(stamp_ns, image, Some(action), Some(Boundary { blocked }));
+            Phase::Ending { action, blocked, from } if taken >= from => {
+                self.take(stamp_ns, taken, image, Some(action), Some(Boundary { blocked }));
                 self.phase = Phase::Idle;
             }
             Phase::Look if stands && self.last_step.is_some_and(|now| self.safety.is_fresh(now)) => {
-                self.take(stamp_ns, image, None, Some(Boundary { blocked: false }));
+                self.take(stamp_ns, taken, image, None, Some(Boundary { blocked: false }));
                 self.phase = Phase::Idle;
             }
             _ => {}
         }
     }
 
-    fn take(&mut self, stamp_ns: u64, image: Image, action: Option<Action>, boundary: Option<Boundary>) {
+    fn take(
+        &mut self,
+        stamp_ns: u64,
+        taken: Duration,
+        image: Image,
+        action: Option<Action>,
+        boundary: Option<Boundary>,
+    ) {
         let Some(odometry) = nearest(&self.odometry, stamp_ns) else { return };
         let ends = action.is_some() && boundary.is_some();
+        let truth = nearest(&self.poses, stamp_ns).filter(|_| self.scenario.robot.pose_known);
         // Stamps of frames never go back, whatever the robot's clock does.
         let stamp_ns = self.taken_ns.map_or(stamp_ns, |taken| stamp_ns.max(taken + 1));
         self.frames.push_back(Frame {
             number: self.number,
             stamp_ns,
             view: View::Image(image),
-            truth: nearest(&self.poses, stamp_ns).filter(|_| self.scenario.robot.pose_known),
+            truth,
             odometry: odometry.pose,
             sonar: self.sonar.clone(),
             action,
@@ -404,7 +395,7 @@ impl Drive {
             self.stood = Some(odometry.pose);
         }
         self.number += 1;
-        self.taken_ns = Some(stamp_ns);
+        (self.taken_ns, self.taken) = (Some(stamp_ns), Some(taken));
     }
 }
 
@@ -421,12 +412,14 @@ impl Drive {
         }
         snapshot.inner("safety", &mut self.safety)?;
         snapshot.inner("clock", &mut self.clock)?;
-        snapshot.value("images", &mut self.images.last_ns)?;
-        snapshot.value("odometries", &mut self.odometries.last_ns)?;
-        snapshot.value("scans", &mut self.scans.last_ns)?;
+        snapshot.value("images", &mut self.images)?;
+        snapshot.value("odometries", &mut self.odometries)?;
+        snapshot.value("scans", &mut self.scans)?;
         snapshot.value("pixels", &mut self.pixels)?;
         snapshot.value("bumper", &mut self.bumper)?;
         snapshot.value("last_step", &mut self.last_step)?;
+        snapshot.value("taken", &mut self.taken)?;
+        snapshot.value("measured", &mut self.measured)?;
         snapshot.numbers("sonar", &mut self.sonar)?;
         snapshot.numbers("rewards", &mut self.rewards)?;
         let mut stood: Vec<f64> = self.stood.iter().flat_map(|pose| numbers_of(*pose)).collect();

@@ -1,0 +1,248 @@
+"""A robot over ROS 2 whose sensors fail at seeded moments, and a judge of what its driver does then.
+
+    python faulty.py --faults 20 --seed 1 --kinds camera_stop,odom_stop,twice,estop
+
+The topics are those of bridge.py, in real time, with a cheaply drawn picture; and /emergency_stop (Bool, 10 Hz).
+The first fault begins when the robot has been driven for 2 s; later ones also wait until the robot is driven again.
+Prints one line of JSON for each fault, with times in seconds of CLOCK_MONOTONIC, and exits with 1
+unless all were played and are ok. A driver that stays stopped after an emergency stop is "not driven" from then on:
+give it estop in a run of its own.
+"""
+
+import argparse
+import json
+import math
+import sys
+import time
+
+import numpy as np
+from std_msgs.msg import Bool
+
+from robot import Link, Robot, Room, common_options, room_options, seconds, start_ros, steps, stop_ros
+
+# What each kind does, and how the driver must answer it: stop within the freshness bound, after a second of motion,
+# or within the bound of the emergency stop; or go on driving (None).
+FRESHNESS, MOTION, EMERGENCY = "freshness", "motion", "emergency"
+KINDS = {
+    "camera_stop": (FRESHNESS, "no images"),
+    "camera_freeze": (MOTION, "the same pixels with new stamps"),
+    "camera_late": (FRESHNESS, "images are sent 0.5 s after their stamps"),
+    "camera_slightly_late": (None, "images are sent 0.1 s after their stamps"),
+    "odom_stop": (FRESHNESS, "no odometry"),
+    "scan_stop": (FRESHNESS, "no scans; only for a driver that uses them"),
+    "nan": (FRESHNESS, "odometry has NaN for x and for the forward speed"),
+    "stamp_jump": (FRESHNESS, "stamps of images and odometry are 10 s off, forward or backward by the seed"),
+    "pause": (FRESHNESS, "no message on any topic, /clock included; the robot moves on"),
+    "estop": (EMERGENCY, "/emergency_stop is true"),
+    "out_of_order": (None, "the first image of the fault is sent after the second"),
+    "twice": (None, "each image and each odometry is sent twice"),
+}
+DEFAULT_KINDS = [kind for kind in KINDS if kind != "scan_stop"]
+NORMAL = 2.0  # s between faults
+LATE = {"camera_late": 0.5, "camera_slightly_late": 0.1}  # s
+MOTION_BOUND = 1.0  # s of motion with frozen pixels
+EMERGENCY_BOUND = 0.1  # s
+COLOURS = np.array([[200, 60, 50], [70, 170, 60], [50, 90, 200], [210, 180, 50]])  # of the walls, in Room's order
+
+
+class Camera:
+    """Draws four walls of different colours, with stripes and darker with distance; 75 degrees wide."""
+
+    def __init__(self, width, height):
+        self.focal = width / 2 / math.tan(math.radians(75 / 2))
+        self.columns = np.arctan((width / 2 - 0.5 - np.arange(width)) / self.focal)
+        self.rows = (np.arange(height) + 0.5 - height / 2)[:, None]
+
+    def draw(self, robot):
+        angles = robot.heading + self.columns
+        distance, wall = robot.room.cast(robot.x, robot.y, angles)
+        along = np.where(wall % 2 == 0, robot.y + distance * np.sin(angles), robot.x + distance * np.cos(angles))
+        light = (0.8 + 0.2 * np.sin(along * 20)) / (1 + 0.2 * distance)
+        height = self.focal / (distance * np.cos(self.columns))  # of one metre, in pixels
+        walls = (COLOURS[wall] * light[:, None]).astype(np.uint8)
+        pixels = np.repeat(walls[None], len(self.rows), axis=0)
+        pixels[self.rows < -1.0 * height] = (220, 220, 220)  # the ceiling is 1 m above the camera
+        pixels[self.rows > 0.4 * height] = (90, 90, 95)  # the floor 0.4 m below it
+        return pixels
+
+
+class Fault:
+    """One fault: what happens, for how long, and when the driver must have stopped."""
+
+    def __init__(self, kind, rng):
+        self.kind = kind
+        self.answer = KINDS[kind][0]
+        self.lead = rng.uniform(0, 0.5)  # s of normal driving before it, on top of NORMAL
+        self.duration = rng.uniform(0.5, 2.0)
+        if self.answer == MOTION:
+            self.duration += MOTION_BOUND  # else it could end before anyone has to notice it
+        self.jump = float(rng.choice((-10.0, 10.0)))  # s, of stamp_jump
+        self.begin = self.due = self.end = None  # steady times
+        self.images, self.moved, self.kept = 0, 0.0, None
+
+
+class Judge:
+    """Plays the faults one after the other and judges the commands that were received meanwhile."""
+
+    def __init__(self, options, robot):
+        rng = np.random.default_rng(options.seed)
+        kinds = [options.kinds[i % len(options.kinds)] for i in range(options.faults)]
+        self.plan = [Fault(kind, rng) for kind in rng.permutation(kinds).tolist()]
+        self.options, self.robot = options, robot
+        self.commands = []  # (steady receive time, whether it is zero), appended by the thread that receives
+        self.fault = None  # the one that happens now
+        self.all_ok, self.over = True, False
+
+    def on_command(self, received, v, w):
+        self.commands.append((received, v == 0.0 and w == 0.0))
+
+    def driven(self):
+        return bool(self.commands) and not self.commands[-1][1] and time.monotonic() - self.commands[-1][0] < 0.2
+
+    def play(self):
+        """Goes through the plan; call next() once a step."""
+        for number, fault in enumerate(self.plan):
+            patient_until = time.monotonic() + self.options.patience
+            while not self.driven():
+                if time.monotonic() > patient_until:
+                    print(json.dumps({"ok": False, "not_driven": True, "not_played": len(self.plan) - number}))
+                    return
+                yield
+            normal_until = time.monotonic() + fault.lead + NORMAL * (number == 0)
+            while time.monotonic() < normal_until:
+                yield
+            fault.begin = time.monotonic()
+            bounds = {MOTION: MOTION_BOUND, EMERGENCY: EMERGENCY_BOUND}
+            bound = bounds.get(fault.answer, self.options.freshness + self.options.margin)
+            fault.due = math.inf if fault.answer == MOTION else fault.begin + bound
+            self.fault = fault
+            while time.monotonic() < fault.begin + fault.duration:
+                fault.moved += self.robot.STEP * (abs(self.robot.v) > 0.02 or abs(self.robot.w) > 0.05)
+                if fault.due == math.inf and fault.moved > MOTION_BOUND:
+                    fault.due = time.monotonic() + self.options.margin
+                yield
+            self.fault, fault.end = None, time.monotonic()
+            while time.monotonic() < fault.end + NORMAL:
+                yield
+            self.judge(fault, bound)
+        self.over = True
+
+    def judge(self, fault, bound):
+        during = [(t, zero) for t, zero in self.commands if fault.begin <= t <= fault.end]
+        zeros = [t for t, zero in during if zero]
+        late = sum(not zero and t > fault.due for t, zero in during)
+        resumed = any(not zero for t, zero in self.commands if t > fault.end)
+        ok = resumed and (late == 0 and bool(zeros) if fault.answer else late > 0)
+        self.all_ok &= ok
+        print(json.dumps({
+            "kind": fault.kind, "stop_expected": fault.answer is not None, "begin": round(fault.begin, 3),
+            "end": round(fault.end, 3), "bound": bound,
+            "first_zero_after": round(zeros[0] - fault.begin, 3) if zeros else None,
+            "violations": late if fault.answer else 0, "resumed": resumed, "ok": ok}), flush=True)
+
+
+class FaultyLink(Link):
+    """Sends what the fault of the moment leaves of the messages."""
+
+    def __init__(self, robot, judge, options):
+        super().__init__("faulty_robot", robot, options.stamped, options.record, judge.on_command)
+        self.judge = judge
+        self.emergency_publisher = self.create_publisher(Bool, "/emergency_stop", 10)
+        self.late = []  # (step in which to send it, message)
+        self.steps = 0
+
+    def kind(self):
+        return self.judge.fault.kind if self.judge.fault else None
+
+    def send_image(self, message):
+        fault, kind = self.judge.fault, self.kind()
+        if kind in ("camera_stop", "pause"):
+            return
+        if fault:
+            fault.images += 1
+        if kind == "camera_freeze":
+            fault.kept = fault.kept or message
+            message.data = fault.kept.data
+        elif kind == "out_of_order" and fault.images == 1:
+            fault.kept = message
+            return
+        self.move_stamp(message)
+        if kind in LATE:
+            self.late.append((self.steps + round(LATE[kind] / self.robot.STEP), message))
+            return
+        self.image_publisher.publish(message)
+        if kind == "twice":
+            self.image_publisher.publish(message)
+        elif kind == "out_of_order" and fault.images == 2:
+            self.image_publisher.publish(fault.kept)
+
+    def send_late_images(self):
+        self.steps += 1
+        if self.kind() not in LATE:
+            self.late.clear()  # those that are still under way when the fault ends are lost
+        while self.late and self.late[0][0] <= self.steps:
+            self.image_publisher.publish(self.late.pop(0)[1])
+
+    def send_odometry(self, message):
+        kind = self.kind()
+        if kind in ("odom_stop", "pause"):
+            return
+        if kind == "nan":
+            message.pose.pose.position.x = message.twist.twist.linear.x = math.nan
+        self.move_stamp(message)
+        self.odom_publisher.publish(message)
+        if kind == "twice":
+            self.odom_publisher.publish(message)
+
+    def move_stamp(self, message):
+        if self.kind() == "stamp_jump":
+            message.header.stamp.sec, message.header.stamp.nanosec = seconds(max(0.0, self.now + self.judge.fault.jump))
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    room_options(parser)
+    common_options(parser)
+    parser.add_argument("--camera", type=int, nargs=2, default=(64, 48), metavar=("WIDTH", "HEIGHT"), help="pixels")
+    parser.add_argument("--rate", type=float, default=30.0, help="images a second (default 30, at most 50)")
+    parser.add_argument("--faults", type=int, default=len(DEFAULT_KINDS), help="how many (default: each kind once)")
+    parser.add_argument("--kinds", type=lambda text: text.split(","), default=DEFAULT_KINDS,
+                        help="of " + ",".join(KINDS) + " (default: all but scan_stop)")
+    parser.add_argument("--freshness", type=float, default=0.25, help="s without a fresh message allowed (0.25)")
+    parser.add_argument("--margin", type=float, default=0.1, help="s allowed on top (0.1)")
+    parser.add_argument("--patience", type=float, default=30.0, help="s to wait for the driver (30)")
+    options = parser.parse_args()
+    if unknown := set(options.kinds) - set(KINDS):
+        parser.error(f"no such kind: {', '.join(sorted(unknown))}")
+    robot = Robot(Room(options.width, options.depth), options.seed)
+    camera = Camera(*options.camera)
+    judge = Judge(options, robot)
+    start_ros()
+    link = FaultyLink(robot, judge, options)
+    emergency, images, play = False, 0, judge.play()
+    for step in steps(link, 1.0, None):
+        if next(play, "over") == "over":
+            link.ended.set()
+        robot.step(*link.target())
+        pause = link.kind() == "pause"
+        if not pause:
+            link.publish_clock()
+        if step % 2 == 0:  # 25 Hz
+            link.send_odometry(link.odometry())
+            if not pause:
+                link.pose_publisher.publish(link.pose())
+        if step % 5 == 0 and not pause and link.kind() != "scan_stop":
+            link.scan_publisher.publish(link.scan())
+        was, emergency = emergency, link.kind() == "estop"
+        if (step % 5 == 0 or emergency != was) and not pause:
+            link.emergency_publisher.publish(Bool(data=emergency))
+        link.send_late_images()
+        if link.now * options.rate >= images:
+            images = int(link.now * options.rate) + 1
+            link.send_image(link.image(camera.draw(robot)))
+    stop_ros(link)
+    sys.exit(0 if judge.over and judge.all_ok else 1)
+
+
+if __name__ == "__main__":
+    main()

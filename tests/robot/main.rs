@@ -1,0 +1,186 @@
+//! A robot on a ROS 2 network, played by rclpy: the other side is ROS's own.
+//!
+//! `ADAGIO_ROS_PYTHON` names a Python with the packages `ros-rclpy`, `ros-rmw-fastrtps-cpp` and their messages; without it nothing is
+//! tested here, and with `ADAGIO_REQUIRE_ROS=1` that is a failure. Each test has a DDS domain of its own, on loopback.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use common::{adagio, package_file, report, stderr, stdout};
+use serde_json::Value;
+
+/// A Python with rclpy; none where there is none for this machine.
+fn python() -> Option<PathBuf> {
+    let python = std::env::var_os("ADAGIO_ROS_PYTHON").map(PathBuf::from);
+    if python.is_none() {
+        let required = std::env::var("ADAGIO_REQUIRE_ROS").is_ok_and(|value| value == "1");
+        assert!(!required, "ADAGIO_ROS_PYTHON names no Python with rclpy, and ADAGIO_REQUIRE_ROS is set");
+        println!("skipped: ADAGIO_ROS_PYTHON names no Python with rclpy");
+    }
+    python
+}
+
+/// A robot that rclpy plays; it ends with the test.
+struct Peer(Option<Child>);
+
+impl Peer {
+    fn start(python: &Path, domain: u16, arguments: &[&str]) -> Self {
+        let child = Command::new(python)
+            .arg(package_file("tests/robot/faulty.py"))
+            .args(arguments)
+            .env("ROS_DOMAIN_ID", domain.to_string())
+            .env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        Peer(Some(child))
+    }
+
+    /// What it says at its end; it is not waited for longer than so many seconds.
+    fn end(mut self, seconds: u64) -> Output {
+        let mut child = self.0.take().unwrap();
+        let begun = Instant::now();
+        while child.try_wait().unwrap().is_none() {
+            if begun.elapsed() > Duration::from_secs(seconds) {
+                let _ = child.kill();
+                panic!("the robot does not end within {seconds} s");
+            }
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        child.wait_with_output().unwrap()
+    }
+}
+
+impl Drop for Peer {
+    fn drop(&mut self) {
+        if let Some(mut child) = self.0.take() {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
+}
+
+fn arguments<'a>(command: &[&'a str], domain: &'a str, sets: &[&'a str]) -> Vec<&'a str> {
+    let mut all = command.to_vec();
+    for &set in [domain].iter().chain(sets) {
+        all.extend(["--set", set]);
+    }
+    all
+}
+
+/// A run of the scenario in a folder, on a domain.
+fn run(folder: &Path, domain: u16, sets: &[&str]) -> Output {
+    let scenario = package_file("scenarios/ros2.toml").display().to_string();
+    let domain = format!("ros2.domain={domain}");
+    let command = ["run", scenario.as_str(), "--quiet", "--no-report", "--out", "run"];
+    adagio(folder, &arguments(&command, &domain, sets))
+}
+
+/// Faults at moments of the peer's choice, in an order that follows from the seed: the peer sees every velocity, and judges.
+fn plays_faults(domain: u16, seed: &str, kinds: &str, count: &str, sets: &[&str]) {
+    let Some(python) = python() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let peer = Peer::start(&python, domain, &["--seed", seed, "--kinds", kinds, "--faults", count, "--patience", "60"]);
+    let scenario = package_file("scenarios/ros2.toml").display().to_string();
+    let domain_set = format!("ros2.domain={domain}");
+    let command = ["run", scenario.as_str(), "--quiet", "--no-report", "--out", "run"];
+    let mut child = Command::new(env!("CARGO_BIN_EXE_adagio"))
+        .current_dir(folder.path())
+        .args(arguments(&command, &domain_set, sets))
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let said = peer.end(300);
+    let verdicts: Vec<Value> = stdout(&said)
+        .lines()
+        .filter_map(|line| serde_json::from_str(line).ok())
+        .filter(|v: &Value| !v["kind"].is_null())
+        .collect();
+    // The robot is gone: the run waits for it, and ends when it is told to.
+    let _ = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    let begun = Instant::now();
+    while child.try_wait().unwrap().is_none() {
+        assert!(begun.elapsed() < Duration::from_secs(60), "the run does not end");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let output = child.wait_with_output().unwrap();
+    assert!(output.status.success(), "{}", stderr(&output));
+    println!("{}", stdout(&said));
+    assert_eq!(verdicts.len(), count.parse::<usize>().unwrap(), "{}{}", stdout(&said), stderr(&said));
+    for verdict in &verdicts {
+        assert_eq!((&verdict["ok"], &verdict["violations"]), (&Value::Bool(true), &Value::from(0)), "{verdict}");
+    }
+    assert!(said.status.success(), "{}{}", stdout(&said), stderr(&said));
+    // What was learned from is in the log as it was: it is learned again, bit for bit.
+    assert!(report(&folder.path().join("run"))["run"]["actions"].as_u64().unwrap() > 5);
+    let verified = adagio(folder.path(), &["replay", "run", "--verify", "--quiet", "--no-report", "--no-evaluate"]);
+    assert!(verified.status.success(), "{}{}", stdout(&verified), stderr(&verified));
+}
+
+#[test]
+fn sensors_that_stop_freeze_are_late_or_lie_stop_the_robot_and_it_goes_on() {
+    let kinds =
+        "camera_stop,camera_freeze,camera_late,odom_stop,nan,stamp_jump,pause,camera_slightly_late,out_of_order,twice";
+    plays_faults(71, "1", kinds, "10", &[]);
+}
+
+#[test]
+fn emergency_stops_and_scans_stop_the_robot_and_it_goes_on() {
+    let sets = ["ros2.emergency_stop=/emergency_stop", "ros2.scan=/scan"];
+    plays_faults(72, "2", "estop,scan_stop", "4", &sets);
+}
+
+#[test]
+fn velocities_have_the_type_that_is_listened_to() {
+    let Some(python) = python() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let stamped = ["--stamped", "--kinds", "twice", "--faults", "2", "--patience", "60"];
+    let peer = Peer::start(&python, 73, &stamped);
+    let ran = run(folder.path(), 73, &["actions=12"]);
+    assert!(ran.status.success(), "{}", stderr(&ran));
+    assert_eq!(report(&folder.path().join("run"))["run"]["actions"], 12);
+    drop(peer);
+}
+
+#[test]
+fn what_is_wrong_is_said_in_one_line_that_names_what_is_there() {
+    let Some(python) = python() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let _peer = Peer::start(&python, 74, &["--kinds", "twice", "--faults", "1", "--patience", "120"]);
+    let refused = |sets: &[&str], parts: &[&str]| {
+        let output = run(folder.path(), 74, &[&["ros2.wait_seconds=4"], sets].concat());
+        let said = stderr(&output);
+        assert_eq!(output.status.code(), Some(2), "{sets:?}: {said}");
+        for part in parts {
+            assert!(said.contains(part), "{sets:?}: {part:?} is not in {said}");
+        }
+        assert!(!folder.path().join("run").exists(), "nothing is left behind");
+    };
+    // The first one may wait until the robot is there.
+    let there = "/camera/image_raw (sensor_msgs/msg/Image)";
+    refused(
+        &["ros2.wait_seconds=20", "ros2.camera=/front"],
+        &["ros2.camera = \"/front\"", "nobody publishes it", there],
+    );
+    refused(&["ros2.odometry=/scan"], &["ros2.odometry = \"/scan\" is published as sensor_msgs/msg/LaserScan"]);
+    refused(
+        &["ros2.command=/wheels"],
+        &["ros2.command = \"/wheels\": nobody listens to it", "/cmd_vel (geometry_msgs/msg/Twist)"],
+    );
+    refused(&["vision.width=100", "vision.height=10"], &["ros2.camera = \"/camera/image_raw\"", "64"]);
+    let scenario = package_file("scenarios/ros2.toml").display().to_string();
+    let command = ["doctor", "ros2", scenario.as_str(), "--json", "--picture", "first.png"];
+    let output = adagio(folder.path(), &arguments(&command, "ros2.domain=74", &[]));
+    let doctor: Value = serde_json::from_str(&stdout(&output)).unwrap();
+    assert!(output.status.success(), "{}", stderr(&output));
+    let camera = &doctor["heard"]["/camera/image_raw"];
+    assert!((25.0..35.0).contains(&camera["hz"].as_f64().unwrap()), "{camera}");
+    let picture = image::open(folder.path().join("first.png")).unwrap();
+    assert_eq!((picture.width(), picture.height()), (64, 48));
+}
