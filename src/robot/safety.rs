@@ -315,6 +315,14 @@ impl Safety {
         (self.ahead, self.behind) = (ahead, behind);
     }
 
+    /// The robot's clock has gone ahead of ours, or has fallen behind, by so many seconds. Where that is more than what may be
+    /// stale, nothing that was sensed counts as fresh: it must come in again.
+    pub fn doubt_times(&mut self, seconds: f64) {
+        if seconds.abs() > self.settings.fresh.as_secs_f64() {
+            (self.camera, self.odometry, self.scan) = (Heard(None), Heard(None), Heard(None));
+        }
+    }
+
     /// The emergency stop says whether it is pressed.
     pub fn hear_emergency_stop(&mut self, at: Duration, pressed: bool) {
         (self.emergency_stop, self.pressed) = (Heard(Some(at)), pressed);
@@ -608,6 +616,10 @@ mod tests {
                 301..330 => {
                     told.battery = Some(1.0);
                     safety.hear_battery(1.0);
+                }
+                331..341 => {
+                    safety.doubt_times(if event % 2 == 0 { 9.0 } else { -9.0 });
+                    (told.camera, told.odometry, told.scan) = (None, None, None);
                 }
                 330 if event > events * 9 / 10 => {
                     told.ended = true;

@@ -20,9 +20,10 @@ from std_msgs.msg import Bool
 
 from robot import Link, Robot, Room, common_options, room_options, seconds, start_ros, steps, stop_ros
 
-# What each kind does, and how the driver must answer it: stop within the freshness bound, after a second of motion,
-# or within the bound of the emergency stop; or go on driving (None).
-FRESHNESS, MOTION, EMERGENCY = "freshness", "motion", "emergency"
+# What each kind does, and how the driver must answer it: stand within the freshness bound, after a second of motion, or
+# within the bound of the emergency stop, for as long as the fault lasts; stop within the freshness bound, and go on as it
+# likes, since its sensors are good (MOMENT); or go on driving (None).
+FRESHNESS, MOTION, EMERGENCY, MOMENT = "freshness", "motion", "emergency", "moment"
 KINDS = {
     "camera_stop": (FRESHNESS, "no images"),
     "camera_freeze": (MOTION, "the same pixels with new stamps"),
@@ -31,7 +32,7 @@ KINDS = {
     "odom_stop": (FRESHNESS, "no odometry"),
     "scan_stop": (FRESHNESS, "no scans; only for a driver that uses them"),
     "nan": (FRESHNESS, "odometry has NaN for x and for the forward speed"),
-    "stamp_jump": (FRESHNESS, "stamps of images and odometry are 10 s off, forward or backward by the seed"),
+    "stamp_jump": (MOMENT, "stamps of images and odometry are 10 s off, forward or backward by the seed"),
     "pause": (FRESHNESS, "no message on any topic, /clock included; the robot moves on"),
     "estop": (EMERGENCY, "/emergency_stop is true"),
     "out_of_order": (None, "the first image of the fault is sent after the second"),
@@ -132,6 +133,8 @@ class Judge:
         zeros = [t for t, zero in during if zero]
         late = sum(not zero and t > fault.due for t, zero in during)
         resumed = any(not zero for t, zero in self.commands if t > fault.end)
+        if fault.answer == MOMENT:
+            late = int(not any(t <= fault.due for t in zeros))
         ok = resumed and (late == 0 and bool(zeros) if fault.answer else late > 0)
         self.all_ok &= ok
         print(json.dumps({

@@ -228,6 +228,10 @@ impl Drive {
     /// The velocity to command at a time.
     pub fn step(&mut self, now: Duration) -> Velocity {
         let passed = self.last_step.replace(now).map_or(Duration::ZERO, |last| now.saturating_sub(last));
+        if let Some(ahead) = self.clock.jump() {
+            self.note(format!("the robot's clock has gone {ahead:+.3} s against ours"));
+            self.safety.doubt_times(ahead);
+        }
         let newest = self.odometry.back().map(|&(_, odometry)| odometry);
         let wanted = match (&mut self.phase, newest) {
             (Phase::Doing { controller, .. }, Some(odometry)) => {
@@ -263,9 +267,6 @@ impl Drive {
         }
         if state == DriveState::Driven {
             self.leave_action();
-        }
-        if let Some(ahead) = self.clock.jump() {
-            self.note(format!("the robot's clock has gone {ahead:+.3} s against ours"));
         }
         let stamp_ns = self.stamp();
         if (state, causes) != self.told {
