@@ -21,6 +21,11 @@ fn alone() -> MutexGuard<'static, ()> {
     ALONE.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+/// A DDS domain for a test of this process; another process has others, most likely.
+fn domain(test: u16) -> u16 {
+    (std::process::id() % 25) as u16 * 4 + test
+}
+
 /// A Python with rclpy; none where there is none for this machine.
 fn python() -> Option<PathBuf> {
     let python = std::env::var_os("ADAGIO_ROS_PYTHON").map(PathBuf::from);
@@ -135,13 +140,13 @@ fn plays_faults(domain: u16, seed: &str, kinds: &str, count: &str, sets: &[&str]
 fn sensors_that_stop_freeze_are_late_or_lie_stop_the_robot_and_it_goes_on() {
     let kinds =
         "camera_stop,camera_freeze,camera_late,odom_stop,nan,stamp_jump,pause,camera_slightly_late,out_of_order,twice";
-    plays_faults(71, "1", kinds, "10", &[]);
+    plays_faults(domain(0), "1", kinds, "10", &[]);
 }
 
 #[test]
 fn emergency_stops_and_scans_stop_the_robot_and_it_goes_on() {
     let sets = ["ros2.emergency_stop=/emergency_stop", "ros2.scan=/scan"];
-    plays_faults(72, "2", "estop,scan_stop", "4", &sets);
+    plays_faults(domain(1), "2", "estop,scan_stop", "4", &sets);
 }
 
 #[test]
@@ -149,8 +154,8 @@ fn velocities_have_the_type_that_is_listened_to() {
     let (Some(python), _alone) = (python(), alone()) else { return };
     let folder = tempfile::tempdir().unwrap();
     let stamped = ["--stamped", "--kinds", "twice", "--faults", "50", "--patience", "60"];
-    let peer = Peer::start(&python, 73, &stamped);
-    let ran = run(folder.path(), 73, &["actions=12"]);
+    let peer = Peer::start(&python, domain(2), &stamped);
+    let ran = run(folder.path(), domain(2), &["actions=12"]);
     assert!(ran.status.success(), "{}", stderr(&ran));
     assert_eq!(report(&folder.path().join("run"))["run"]["actions"], 12);
     drop(peer);
@@ -160,9 +165,9 @@ fn velocities_have_the_type_that_is_listened_to() {
 fn what_is_wrong_is_said_in_one_line_that_names_what_is_there() {
     let (Some(python), _alone) = (python(), alone()) else { return };
     let folder = tempfile::tempdir().unwrap();
-    let _peer = Peer::start(&python, 74, &["--kinds", "twice", "--faults", "1", "--patience", "120"]);
+    let _peer = Peer::start(&python, domain(3), &["--kinds", "twice", "--faults", "1", "--patience", "120"]);
     let refused = |sets: &[&str], parts: &[&str]| {
-        let output = run(folder.path(), 74, &[&["ros2.wait_seconds=4"], sets].concat());
+        let output = run(folder.path(), domain(3), &[&["ros2.wait_seconds=4"], sets].concat());
         let said = stderr(&output);
         assert_eq!(output.status.code(), Some(2), "{sets:?}: {said}");
         for part in parts {
@@ -184,7 +189,7 @@ fn what_is_wrong_is_said_in_one_line_that_names_what_is_there() {
     refused(&["vision.width=100", "vision.height=10"], &["ros2.camera = \"/camera/image_raw\"", "64"]);
     let scenario = package_file("scenarios/ros2.toml").display().to_string();
     let command = ["doctor", "ros2", scenario.as_str(), "--json", "--picture", "first.png"];
-    let output = adagio(folder.path(), &arguments(&command, "ros2.domain=74", &[]));
+    let output = adagio(folder.path(), &arguments(&command, &format!("ros2.domain={}", domain(3)), &[]));
     let doctor: Value = serde_json::from_str(&stdout(&output)).unwrap();
     assert!(output.status.success(), "{}", stderr(&output));
     let camera = &doctor["heard"]["/camera/image_raw"];
