@@ -8,6 +8,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
+use super::robot::{self, Voice};
 use super::{Ending, print, print_json, progress, report};
 use crate::agent::{
     self, CHECKPOINT_NAME, Controls, CurvePoint, Outcome, RecordedEvents, RunOptions, STATE_NAME, SnapshotSettings,
@@ -58,6 +59,8 @@ pub struct Drive<'a> {
     pub curve: Vec<CurvePoint>,
     /// What people ask of a robot.
     pub switches: Switches,
+    /// What the run says to a robot's network.
+    pub voice: Option<Voice>,
 }
 
 impl<'a> Drive<'a> {
@@ -87,6 +90,7 @@ impl<'a> Drive<'a> {
             state: None,
             curve: Vec::new(),
             switches: Switches::default(),
+            voice: None,
         }
     }
 
@@ -103,12 +107,14 @@ impl<'a> Drive<'a> {
         let (checkpoint, state) = (self.run.join(CHECKPOINT_NAME), self.run.join(STATE_NAME));
         let most = self.most_actions.unwrap_or(u64::MAX).min(scenario.actions as u64);
         let likely = self.likely_actions.unwrap_or(u64::MAX).min(most);
-        let controls = Arc::new(Controls::sharing(self.switches.paused.clone(), self.switches.go_on.clone()));
+        let dock = scenario.motion.as_ref().and_then(|motion| motion.safety.battery_task.as_ref());
+        let dock = dock.and_then(|name| scenario.tasks.iter().position(|task| task.name == *name));
+        let controls = Arc::new(Controls::sharing(self.switches.clone(), dock));
         world.appearance.prepare();
         let rendered_by = || world.appearance.rendered_by();
         let outcome = watched(self.quiet, likely, self.sampler, |status| {
             let options = RunOptions {
-                controls: self.server.map(|_| &*controls),
+                controls: self.keep.then_some(&*controls),
                 checkpoint: Some(&checkpoint),
                 evaluator: evaluator.as_ref(),
                 recording: self.recording,
@@ -121,14 +127,16 @@ impl<'a> Drive<'a> {
                 rendered_by: Some(&rendered_by),
                 ..RunOptions::new(self.stop, status)
             };
+            let (run_folder, stop) = (self.run, self.stop);
+            let stage = ServedRun { run: run_folder, scenario, world, controls: &controls, stop };
             let run = || agent::run(scenario, &world.plan, &mut *source, log, options);
+            let run = || match self.voice {
+                None => run(),
+                Some(voice) => robot::beside(voice, &stage, run),
+            };
             match self.server {
                 None => run(),
-                Some(server) => {
-                    let (run_folder, stop) = (self.run, self.stop);
-                    let stage = ServedRun { run: run_folder, scenario, world, controls: &controls, stop };
-                    server.beside(&stage, run)
-                }
+                Some(server) => server.beside(&stage, run),
             }
         });
         let outcome: Outcome = outcome.map_err(|e| text(&e))?;

@@ -93,7 +93,7 @@ fn go_on(
     }
     let log = log.expecting(expected, Repeating::Skip);
     let next = course.last_frame().map_or(0, |last| last + 1);
-    let Robot { source: live, switches, is_real } =
+    let Robot { source: live, switches, is_real, voice } =
         robot::open(&scenario, &world, stop, next).map_err(Ending::into_text)?;
     let mut source = match is_real {
         // It is where it is, and has done already what the log says.
@@ -109,6 +109,7 @@ fn go_on(
         curve,
         evaluate: !is_real,
         switches,
+        voice,
         ..Drive::new(&scenario, &world, &args.run, stop, args.quiet)
     };
     drive.go(&mut source, log)

@@ -112,7 +112,7 @@ pub fn in_folder(
     extras: &Extras<'_>,
     stop: &AtomicBool,
 ) -> Result<Report, String> {
-    let Robot { mut source, switches, is_real } = robot;
+    let Robot { mut source, switches, is_real, voice } = robot;
     let origin = Origin { elsewhere: is_real, ..Origin::default() };
     let log = drive::begin(run, scenario, &origin)?;
     let drive = Drive {
@@ -123,6 +123,7 @@ pub fn in_folder(
         origin,
         evaluate: !is_real,
         switches,
+        voice,
         ..Drive::new(scenario, world, run, stop, extras.quiet)
     };
     drive.go(&mut *source, log)

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use super::tail::Tail;
-use crate::log::messages::{Decision, DictionaryGrowth, FrameTaken, Image, Log, PolicyUpdate};
+use crate::log::messages::{Decision, DictionaryGrowth, FrameTaken, Image, Log, PolicyUpdate, RobotState};
 use crate::log::{LogError, LogReader, Record, log_files, topics};
 use crate::report::gather::Gathered;
 
@@ -39,6 +39,8 @@ pub struct Newest {
     pub observation: Option<Seen>,
     /// The frame.
     pub frame: FrameTaken,
+    /// What a robot that takes velocities is doing, and why it may not move.
+    pub robot: Option<String>,
     /// The decision.
     pub decision: Option<Decision>,
     /// The block of frames that went through the dictionary.
@@ -230,6 +232,9 @@ impl Newest {
                 self.recent.push_back(seen.clone());
             }
             self.observation = Some(seen);
+        } else if is(topics::ROBOT_STATE.name()) {
+            let RobotState { state, causes, .. } = record.decode()?;
+            self.robot = Some(if causes.is_empty() { state } else { format!("{state}: {causes}") });
         } else if is(topics::DECISION.name()) {
             self.decision = Some(record.decode()?);
         } else if is(topics::DICTIONARY.name()) {

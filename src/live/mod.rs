@@ -10,9 +10,12 @@
 //! it makes no difference whether the run belongs to this process, to another one, or is over. Only the page's buttons reach
 //! the run, through [`Controls`](crate::agent::Controls), which it looks at once per action.
 
+mod ask;
 mod follow;
 mod maps;
 mod picture;
+#[cfg(feature = "ros2")]
+pub mod ros2;
 pub mod serve;
 
 mod tail;

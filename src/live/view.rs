@@ -14,6 +14,7 @@ use crate::agent::Controls;
 use crate::log::LogError;
 use crate::log::messages::Decision;
 use crate::report::gather::{Downsample, HealthSeen};
+use crate::robot::DriveState;
 use crate::scenario::{Avoid, plan_segments};
 
 /// Points of the way that are shown: the end of it.
@@ -201,6 +202,8 @@ pub struct View {
     pub epoch: u32,
     /// Where the robot is: metres, radians.
     pub pose: Option<[f64; 3]>,
+    /// What a robot that takes velocities is doing, and why it may not move.
+    pub robot: Option<String>,
     /// The last part of its way, metres.
     pub way: Vec<[f64; 2]>,
     /// Corners of what is shown of the room, metres.
@@ -309,6 +312,7 @@ impl Watcher {
             seconds: gathered.seconds(),
             epoch: gathered.epoch,
             pose: pose.map(|pose| [roughly(pose.position.x), roughly(pose.position.y), roughly(pose.heading)]),
+            robot: newest.robot.clone(),
             way: gathered
                 .last
                 .iter()
@@ -380,13 +384,20 @@ impl Watcher {
             Phase::Reading
         } else if self.follower.is_closed() {
             Phase::Over
-        } else if controls.is_some_and(Controls::stands_still) {
+        } else if controls.is_some_and(|controls| controls.stands_still() || controls.is_paused() && self.is_stopped())
+        {
             Phase::Paused
         } else if self.follower.quiet_for() > SILENT {
             Phase::Silent
         } else {
             Phase::Running
         }
+    }
+
+    /// Whether a robot stands in the middle of an action.
+    fn is_stopped(&self) -> bool {
+        let stopped = |state: &String| !state.starts_with(DriveState::Driving.name());
+        self.follower.newest.robot.as_ref().is_some_and(stopped)
     }
 
     fn corners(&self) -> Option<[[f64; 2]; 2]> {

@@ -95,6 +95,8 @@ topics! {
     GOAL: GoalMoved = "/adagio/goal";
     /// What somebody marks as the place of a task: its name; `forget` and its name.
     MARK: Text = "/adagio/mark";
+    /// Where somebody sends the robot: the name of a task; nothing for wherever the schedule has it go.
+    GOTO: Text = "/adagio/goto";
     /// Rewards from the robot's own software.
     REWARD: RewardGiven = "/adagio/reward";
     /// What a robot that takes velocities is doing, and why it may not move.

@@ -16,6 +16,15 @@ pub enum Behaviour {
     Pursue(usize),
 }
 
+/// Where somebody sends the robot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Goto {
+    /// To the goal of a task, by its number.
+    Task(usize),
+    /// Wherever the schedule has it go.
+    Schedule,
+}
+
 /// How pursuits of one task ended so far.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Tally {
@@ -34,6 +43,8 @@ pub struct PursuitEnd {
     pub arrived: bool,
     /// Actions that it took.
     pub actions: usize,
+    /// Whether somebody had sent the robot there, and it has arrived.
+    pub sent: bool,
 }
 
 /// When to explore and when to pursue a goal.
@@ -51,6 +62,8 @@ pub struct BehaviourSchedule {
     leg: Behaviour,
     left: usize,
     last_task: usize,
+    /// The task to whose goal somebody has sent the robot, until it is there.
+    sent: Option<usize>,
     tallies: Vec<Tally>,
 }
 
@@ -69,8 +82,26 @@ impl BehaviourSchedule {
             leg: Behaviour::Explore,
             left: 0,
             last_task: scenario.tasks.len() - 1,
+            sent: None,
             tallies: vec![Tally::default(); scenario.tasks.len()],
         }
+    }
+
+    /// Somebody sends the robot somewhere: from the next action on, for as long as it takes; it explores until there is a policy for
+    /// that. Another pursuit that is under way is given up, and counts for nothing.
+    pub fn send(&mut self, goto: Goto) {
+        self.sent = match goto {
+            Goto::Task(task) => Some(task),
+            Goto::Schedule => None,
+        };
+        if self.sent.is_none_or(|task| self.leg != Behaviour::Pursue(task)) {
+            (self.leg, self.left) = (Behaviour::Explore, 0);
+        }
+    }
+
+    /// The task to whose goal somebody has sent the robot, until it is there.
+    pub fn sent(&self) -> Option<usize> {
+        self.sent
     }
 
     /// The behaviour for action number `action` (from 0), and the pursuit that is over before it. `in_goal`: whether the robot is
@@ -82,16 +113,23 @@ impl BehaviourSchedule {
         able: &dyn Fn(usize) -> bool,
     ) -> (Behaviour, Option<PursuitEnd>) {
         let mut ended = None;
+        if let Some(task) = self.sent.filter(|&task| self.leg != Behaviour::Pursue(task) && able(task) && in_goal(task))
+        {
+            // It is there already.
+            (self.sent, self.left) = (None, 0);
+            ended = Some(PursuitEnd { task, arrived: true, actions: 0, sent: true });
+        }
         if let Behaviour::Pursue(task) = self.leg {
             let arrived = in_goal(task);
             if arrived || self.left == 0 {
                 self.tallies[task].ended += 1;
                 self.tallies[task].reached += usize::from(arrived);
-                ended = Some(PursuitEnd { task, arrived, actions: self.pursue_timeout - self.left });
+                let sent = arrived && self.sent.take_if(|sent| *sent == task).is_some();
+                ended = Some(PursuitEnd { task, arrived, actions: self.pursue_timeout - self.left, sent });
                 let then = if arrived { self.then[task] } else { Then::Schedule };
                 self.begin(then, action, in_goal, able);
             }
-        } else if self.left == 0 {
+        } else if self.left == 0 || self.sent.is_some_and(able) {
             self.begin(Then::Schedule, action, in_goal, able);
         }
         self.left -= 1;
@@ -109,6 +147,10 @@ impl BehaviourSchedule {
     }
 
     fn begin(&mut self, then: Then, action: usize, in_goal: &dyn Fn(usize) -> bool, able: &dyn Fn(usize) -> bool) {
+        if let Some(task) = self.sent.filter(|&task| able(task)) {
+            (self.leg, self.left) = (Behaviour::Pursue(task), self.pursue_timeout);
+            return;
+        }
         let drawn = self.rng.random_range(0.0..1.0) < self.share(action);
         let pursue = then == Then::NextTask || then == Then::Schedule && drawn;
         // A pursuit of a goal in which the robot stands would be over at once: the next task's turn.
@@ -137,6 +179,7 @@ impl Persist for BehaviourSchedule {
         snapshot.value("leg", &mut self.leg)?;
         snapshot.value("left", &mut self.left)?;
         snapshot.value("last_task", &mut self.last_task)?;
+        snapshot.value("sent", &mut self.sent)?;
         snapshot.value("tallies", &mut self.tallies)?;
         let known = match self.leg {
             Behaviour::Pursue(task) => task < tasks,

@@ -8,7 +8,7 @@ mod reflex;
 mod region;
 mod walk;
 
-pub use behaviour::{Behaviour, BehaviourSchedule, PursuitEnd, Tally};
+pub use behaviour::{Behaviour, BehaviourSchedule, Goto, PursuitEnd, Tally};
 pub use learned::{Learned, State, columns};
 pub use metric::points;
 pub use pixel_values::{PixelPoints, PixelValues, PolicyError};

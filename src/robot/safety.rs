@@ -177,8 +177,10 @@ pub struct SafetySettings {
     pub reaction: Duration,
     /// Slower than this is still: metres a second, radians a second.
     pub still: Velocity,
-    /// Charge below which the battery is low, and the robot stands, as a share; 0: never.
+    /// Charge below which the battery is low, as a share; 0: never.
     pub battery: f64,
+    /// Charge below which the robot stands, as a share; 0: never.
+    pub battery_empty: f64,
 }
 
 /// The camera counts as frozen after so much motion without a change of its pixels: metres, radians.
@@ -221,9 +223,9 @@ impl Persist for Safety {
         snapshot.value("teleop", &mut self.teleop.0)?;
         snapshot.value("frozen_since", &mut self.frozen_since)?;
         snapshot.value("commanded", &mut self.commanded)?;
-        let mut flags = [self.pressed, self.locked, self.battery_low, self.released];
+        let mut flags = [self.pressed, self.locked, self.battery_low, self.battery_empty, self.released];
         snapshot.value("flags", &mut flags)?;
-        [self.pressed, self.locked, self.battery_low, self.released] = flags;
+        [self.pressed, self.locked, self.battery_low, self.battery_empty, self.released] = flags;
         snapshot.value("state", &mut self.state)?;
         snapshot.value("causes", &mut self.causes.0)
     }
@@ -251,6 +253,7 @@ pub struct Safety {
     unchanged: [f64; 2],
     frozen_since: Option<Duration>,
     battery_low: bool,
+    battery_empty: bool,
     paused: bool,
     ended: bool,
     /// A person has said that it may go on.
@@ -282,6 +285,7 @@ impl Safety {
             unchanged: [0.0; 2],
             frozen_since: None,
             battery_low: false,
+            battery_empty: false,
             paused: false,
             ended: false,
             released: false,
@@ -341,9 +345,11 @@ impl Safety {
         }
     }
 
-    /// The battery's charge, as a share.
-    pub fn hear_battery(&mut self, charge: f64) {
-        self.battery_low = charge < self.settings.battery;
+    /// The battery's charge, as a share. Whether it has become low with that.
+    pub fn hear_battery(&mut self, charge: f64) -> bool {
+        let was = std::mem::replace(&mut self.battery_low, charge < self.settings.battery);
+        self.battery_empty = charge < self.settings.battery_empty;
+        self.battery_low && !was
     }
 
     /// The run is paused, or goes on.
@@ -467,7 +473,7 @@ impl Safety {
         }
         causes.set(Cause::Frozen, self.frozen_since.is_some());
         causes.set(Cause::Paused, self.paused);
-        causes.set(Cause::Battery, self.battery_low);
+        causes.set(Cause::Battery, self.battery_empty);
         causes.set(Cause::Ended, self.ended);
         causes.set(Cause::Near, self.is_near(wanted));
         causes
@@ -510,7 +516,8 @@ mod tests {
             margin: 0.05,
             reaction: ms(150),
             still: Velocity { linear: 0.02, angular: 0.03 },
-            battery: 0.2,
+            battery: 0.4,
+            battery_empty: 0.2,
         }
     }
 

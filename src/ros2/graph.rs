@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use ros2_client::qos::{History, WhenFull};
+use ros2_client::ros2::LogLevel;
 use ros2_client::{
     Context, ContextOptions, MessageTypeName, Name, Node, NodeName, NodeOptions, Publisher, QosProfile, Subscription,
 };
@@ -107,13 +108,33 @@ impl Graph {
         let failed = |cause: String| LinkError::Network { domain, cause };
         let context = Context::with_options(ContextOptions::new().domain_id(domain));
         let context = context.map_err(|error| failed(error.to_string()))?;
+        Graph::on(&context, settings.clone())
+    }
+
+    fn on(context: &Context, settings: Ros2) -> Result<Self, LinkError> {
+        let failed = |cause: String| LinkError::Network { domain: context.domain_id(), cause };
         let namespace = settings.topic("").trim_end_matches('/').to_owned();
         let namespace = if namespace.is_empty() { "/".to_owned() } else { namespace };
         let name = NodeName::new(&namespace, &settings.node);
         let name = name.map_err(|error| failed(format!("ros2.node or ros2.namespace: {error:?}")))?;
         let options = NodeOptions::new().enable_rosout(true).start_parameter_services(false);
         let node = context.new_node(name, options).map_err(|error| failed(error.to_string()))?;
-        Ok(Graph { settings: settings.clone(), context, node })
+        Ok(Graph { settings, context: context.clone(), node })
+    }
+
+    /// The same network, with one more node of ours.
+    ///
+    /// # Errors
+    /// [`LinkError::Network`].
+    pub fn beside(&self, name: &str) -> Result<Self, LinkError> {
+        let settings = Ros2 { node: format!("{}_{name}", self.settings.node), ..self.settings.clone() };
+        Graph::on(&self.context, settings)
+    }
+
+    /// A line for those who read the network's diagnostics.
+    pub fn say(&self, warns: bool, text: &str) {
+        let level = if warns { LogLevel::Warn } else { LogLevel::Info };
+        ros2_client::rosout!(self.node, level, "{text}");
     }
 
     /// The DDS domain.
@@ -140,6 +161,22 @@ impl Graph {
         }))
     }
 
+    /// As which of some types a topic is published, if somebody does already.
+    ///
+    /// # Errors
+    /// [`LinkError::Type`]: the network hands on messages whatever their type is, and those of another one would be misread.
+    pub fn kind_of(&self, key: &'static str, topic: &str, kinds: &[&str]) -> Result<Option<String>, LinkError> {
+        let published = self.published();
+        let mut found = published.iter().filter(|end| end.topic == topic).map(|end| &end.kind);
+        match found.clone().find(|kind| !kinds.contains(&kind.as_str())) {
+            Some(other) => {
+                let (found, wanted) = (other.clone(), kinds.join(" or "));
+                Err(LinkError::Type { key, topic: topic.to_owned(), found, wanted })
+            }
+            None => Ok(found.next().cloned()),
+        }
+    }
+
     /// Wait until somebody publishes a topic as one of some types: which.
     ///
     /// # Errors
@@ -152,15 +189,10 @@ impl Graph {
         until: std::time::Instant,
     ) -> Result<String, LinkError> {
         loop {
+            if let Some(kind) = self.kind_of(key, topic, kinds)? {
+                return Ok(kind);
+            }
             let published = self.published();
-            let found: Vec<&End> = published.iter().filter(|end| end.topic == topic).collect();
-            if let Some(end) = found.iter().find(|end| kinds.contains(&end.kind.as_str())) {
-                return Ok(end.kind.clone());
-            }
-            if let Some(other) = found.first() {
-                let (found, wanted) = (other.kind.clone(), kinds.join(" or "));
-                return Err(LinkError::Type { key, topic: topic.to_owned(), found, wanted });
-            }
             if std::time::Instant::now() >= until {
                 let (domain, waited) = (self.domain(), self.settings.wait_seconds);
                 return Err(LinkError::Silent {

@@ -1,6 +1,7 @@
 //! A robot behind a ROS 2 network.
 
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
@@ -11,6 +12,7 @@ use ros2_client::Publisher;
 
 use super::graph::{Graph, LOOK_INTERVAL, LinkError, reliable_qos, sensor_qos};
 use super::listen::{Ear, ear, listen};
+use super::voice::Voice;
 use super::watchdog::Watchdog;
 use crate::log::Message;
 use crate::log::messages::{self as msg, foreign};
@@ -71,6 +73,21 @@ fn system_ns() -> u64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as u64)
 }
 
+/// Messages that came and were not taken in time, or could not be used, by topic.
+#[derive(Debug, Clone, Default)]
+pub struct Losses(Arc<Mutex<BTreeMap<String, u64>>>);
+
+impl Losses {
+    fn add(&self, topic: &str) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner).entry(topic.to_owned()).or_insert(0) += 1;
+    }
+
+    /// How many of which topics so far.
+    pub fn now(&self) -> BTreeMap<String, u64> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+}
+
 /// What the threads that listen share.
 #[derive(Clone)]
 struct Shared {
@@ -81,9 +98,8 @@ struct Shared {
     images: Sender<Received>,
     /// The other end, to drop the oldest.
     waiting: Receiver<Received>,
-    dropped: Arc<AtomicU64>,
-    broken: Arc<AtomicU64>,
-    /// Why the first image that could not be used could not.
+    losses: Losses,
+    /// Why what was refused last could not be used.
     refused: Arc<Mutex<Option<String>>>,
 }
 
@@ -100,26 +116,29 @@ impl Shared {
         let _ = self.small.send(self.received(stamp_ns, reading));
     }
 
-    fn put_image(&self, stamp_ns: u64, image: Image) {
+    fn put_image(&self, topic: &str, stamp_ns: u64, image: Image) {
         let mut received = self.received(stamp_ns, Reading::Image(image));
         while let Err(TrySendError::Full(back)) = self.images.try_send(received) {
             received = back;
             if self.waiting.try_recv().is_ok() {
-                self.dropped.fetch_add(1, Ordering::Relaxed);
+                self.losses.add(topic);
             }
         }
     }
 
-    fn refuse(&self, reason: String) {
-        self.broken.fetch_add(1, Ordering::Relaxed);
-        self.refused.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(reason);
+    /// Something came that cannot be used: counted, and told where the one before was of use, or the reason was another one.
+    fn refuse(&self, topic: &str, reason: String) {
+        self.losses.add(topic);
+        let text = format!("{topic}: {reason}");
+        let mut refused = self.refused.lock().unwrap_or_else(PoisonError::into_inner);
+        if refused.replace(text.clone()).as_ref() != Some(&text) {
+            self.put(0, Reading::Unusable(text));
+        }
     }
 
-    fn count_broken(&self) -> impl FnMut(String) + Send + 'static {
-        let broken = self.broken.clone();
-        move |_| {
-            broken.fetch_add(1, Ordering::Relaxed);
-        }
+    fn count_broken(&self, topic: &str) -> impl FnMut(String) + Send + 'static {
+        let (losses, topic) = (self.losses.clone(), topic.to_owned());
+        move |_| losses.add(&topic)
     }
 }
 
@@ -136,7 +155,7 @@ pub struct Link {
     /// What is worth a word to people.
     pub warnings: Vec<String>,
     /// Our node leaves the network last.
-    _graph: Graph,
+    graph: Graph,
 }
 
 impl Link {
@@ -158,17 +177,16 @@ impl Link {
             small: small_in,
             images: images_in,
             waiting: images.clone(),
-            dropped: Arc::default(),
-            broken: Arc::default(),
+            losses: Losses::default(),
             refused: Arc::default(),
         };
         let camera = settings.topic(&settings.camera);
         let kind = graph.wait_for("camera", &camera, &[msg::Image::TYPE, foreign::CompressedImage::TYPE], until)?;
         let eye = eye(&mut graph, scenario, &camera, &kind, &shared)?;
         let mut ears = vec![odometry(&mut graph, &settings.topic(&settings.odometry), &shared, until)?];
-        ears.extend(switches(&mut graph, scenario, &shared, until)?);
         let command = settings.topic(&settings.command);
         let stamped = is_stamped(&graph, settings.command_type, &command, settings.wait_seconds, until)?;
+        ears.extend(switches(&mut graph, scenario, &shared, stamped, until)?);
         let mut warnings = Vec::new();
         let others = graph.published().into_iter().filter(|end| end.topic == command).count();
         if others > 0 {
@@ -199,8 +217,7 @@ impl Link {
             emergency_stop: present(&settings.emergency_stop),
             lock: present(&settings.lock),
         };
-        let link =
-            Link { shared, small, images, commands: own, watchdog, over, threads, equipment, warnings, _graph: graph };
+        let link = Link { shared, small, images, commands: own, watchdog, over, threads, equipment, warnings, graph };
         link.wait_for_image(&camera, until + Duration::from_secs_f64(settings.wait_seconds))?;
         Ok(link)
     }
@@ -210,9 +227,13 @@ impl Link {
         self.equipment
     }
 
-    /// Images that were dropped because the loop of control did not take them in time, and messages that could not be used.
-    pub fn losses(&self) -> (u64, u64) {
-        (self.shared.dropped.load(Ordering::Relaxed), self.shared.broken.load(Ordering::Relaxed))
+    /// What the run says to the network, and what the network asks of it: on a node of its own.
+    ///
+    /// # Errors
+    /// [`LinkError::Network`].
+    pub fn voice(&self, scenario: &Arc<Scenario>) -> Result<Voice, LinkError> {
+        let (time, speed) = (self.shared.time.clone(), self.shared.speed);
+        Voice::open(self.graph.beside("run")?, scenario, self.shared.losses.clone(), move || time.now(speed))
     }
 
     fn wait_for_image(&self, camera: &str, until: Instant) -> Result<(), LinkError> {
@@ -220,6 +241,7 @@ impl Link {
             self.watchdog.beat();
             let refused = self.shared.refused.lock().unwrap_or_else(PoisonError::into_inner).clone();
             if let Some(reason) = refused {
+                let reason = reason.trim_start_matches(&format!("{camera}: ")).to_owned();
                 return Err(LinkError::Camera { topic: camera.to_owned(), reason });
             }
             if Instant::now() >= until {
@@ -299,16 +321,22 @@ fn eye(
     kind: &str,
     shared: &Shared,
 ) -> Result<Ear, LinkError> {
-    let (scenario, of) = (scenario.clone(), shared.clone());
-    let put = move |header: &msg::Header, image: Result<Image, picture::PictureError>| {
-        let image = image.and_then(|image| picture::crop(image, &scenario.camera, &scenario.vision));
-        match image {
-            Ok(image) => of.put_image(header.stamp_ns(), image),
-            Err(error) => of.refuse(error.to_string()),
+    let (scenario, of, from) = (scenario.clone(), shared.clone(), topic.to_owned());
+    let mut size = None;
+    let mut put = move |header: &msg::Header, image: Result<Image, picture::PictureError>| {
+        let seen = image.map(|image| ((image.width, image.height), image));
+        let size_of = |(width, height): (usize, usize)| format!("{width} × {height}");
+        match seen.and_then(|(seen, image)| Ok((seen, picture::crop(image, &scenario.camera, &scenario.vision)?))) {
+            Ok((seen, image)) if *size.get_or_insert(seen) == seen => of.put_image(&from, header.stamp_ns(), image),
+            Ok((seen, _)) => {
+                let was = size.map_or_else(String::new, size_of);
+                of.refuse(&from, format!("images were {was} pixels and are {} now: they are left out", size_of(seen)));
+            }
+            Err(error) => of.refuse(&from, error.to_string()),
         }
     };
-    let of = shared.clone();
-    let broken = move |error: String| of.refuse(error);
+    let (of, from) = (shared.clone(), topic.to_owned());
+    let broken = move |error: String| of.refuse(&from, error);
     Ok(match kind == msg::Image::TYPE {
         true => {
             let subscription = graph.subscribe::<msg::Image>(topic, kind, sensor_qos())?;
@@ -333,14 +361,15 @@ fn odometry(graph: &mut Graph, topic: &str, shared: &Shared, until: Instant) -> 
         let velocity = Velocity { linear: twist.linear.x, angular: twist.angular.z };
         of.put(stamp_ns, Reading::Odometry { pose: planar(&odometry.pose.pose), velocity });
     };
-    Ok(ear(subscription, take, shared.count_broken()))
+    Ok(ear(subscription, take, shared.count_broken(topic)))
 }
 
-/// Listens to everything else that the scenario names.
+/// Listens to everything else that the scenario names; `stamped`: the base takes velocities with stamps.
 fn switches(
     graph: &mut Graph,
     scenario: &Arc<Scenario>,
     shared: &Shared,
+    stamped: bool,
     until: Instant,
 ) -> Result<Vec<Ear>, LinkError> {
     let settings = scenario.ros2.clone().expect("a scenario with robot.body = \"ros2\" has [ros2]");
@@ -350,38 +379,52 @@ fn switches(
         let kind = graph.wait_for("scan", &topic, &[msg::LaserScan::TYPE], until)?;
         let (subscription, of) = (graph.subscribe::<msg::LaserScan>(&topic, &kind, sensor_qos())?, shared.clone());
         let take = move |scan: msg::LaserScan| of.put(scan.header.stamp_ns(), Reading::Scan(Arc::new(Scan::of(&scan))));
-        ears.push(ear(subscription, take, shared.count_broken()));
+        ears.push(ear(subscription, take, shared.count_broken(&topic)));
     }
     let bools = [
-        (&settings.bumper, Reading::Bumper as fn(bool) -> Reading),
-        (&settings.emergency_stop, Reading::EmergencyStop),
-        (&settings.lock, Reading::Lock),
+        ("bumper", &settings.bumper, Reading::Bumper as fn(bool) -> Reading),
+        ("emergency_stop", &settings.emergency_stop, Reading::EmergencyStop),
+        ("lock", &settings.lock, Reading::Lock),
     ];
-    for (topic, reading) in bools.into_iter().filter(|(topic, _)| !topic.is_empty()) {
+    for (key, topic, reading) in bools.into_iter().filter(|(_, topic, _)| !topic.is_empty()) {
         let topic = settings.topic(topic);
+        graph.kind_of(key, &topic, &[foreign::Bool::TYPE])?;
         // One that is not there yet is silent, and that stops the robot.
         let subscription = graph.subscribe::<foreign::Bool>(&topic, foreign::Bool::TYPE, reliable_qos())?;
         let of = shared.clone();
-        ears.push(ear(subscription, move |said: foreign::Bool| of.put(0, reading(said.data)), shared.count_broken()));
+        ears.push(ear(
+            subscription,
+            move |said: foreign::Bool| of.put(0, reading(said.data)),
+            shared.count_broken(&topic),
+        ));
     }
     if !settings.teleop.is_empty() {
         let topic = settings.topic(&settings.teleop);
         let said = |twist: &msg::Twist| Velocity { linear: twist.linear.x, angular: twist.angular.z };
-        let (plain, stamped) = (shared.clone(), shared.clone());
-        let subscription = graph.subscribe::<msg::Twist>(&topic, foreign::TWIST, reliable_qos())?;
-        let take = move |twist: msg::Twist| plain.put(0, Reading::Teleop(said(&twist)));
-        ears.push(ear(subscription, take, shared.count_broken()));
-        let subscription = graph.subscribe::<msg::TwistStamped>(&topic, msg::TwistStamped::TYPE, reliable_qos())?;
-        let take = move |twist: msg::TwistStamped| stamped.put(0, Reading::Teleop(said(&twist.twist)));
-        ears.push(ear(subscription, take, shared.count_broken()));
+        let (of, broken) = (shared.clone(), shared.count_broken(&topic));
+        // A person may come later: then it is of the type that the base takes.
+        let kinds = [foreign::TWIST, msg::TwistStamped::TYPE];
+        let kind = graph.kind_of("teleop", &topic, &kinds)?.unwrap_or_else(|| kinds[usize::from(stamped)].to_owned());
+        ears.push(if kind == foreign::TWIST {
+            let subscription = graph.subscribe::<msg::Twist>(&topic, &kind, reliable_qos())?;
+            ear(subscription, move |twist| of.put(0, Reading::Teleop(said(&twist))), broken)
+        } else {
+            let subscription = graph.subscribe::<msg::TwistStamped>(&topic, &kind, reliable_qos())?;
+            ear(
+                subscription,
+                move |of_stamp: msg::TwistStamped| of.put(0, Reading::Teleop(said(&of_stamp.twist))),
+                broken,
+            )
+        });
     }
     if !settings.battery.is_empty() {
         let topic = settings.topic(&settings.battery);
+        graph.kind_of("battery", &topic, &[foreign::BatteryState::TYPE])?;
         let subscription =
             graph.subscribe::<foreign::BatteryState>(&topic, foreign::BatteryState::TYPE, sensor_qos())?;
         let of = shared.clone();
         let take = move |battery: foreign::BatteryState| of.put(0, Reading::Battery(f64::from(battery.percentage)));
-        ears.push(ear(subscription, take, shared.count_broken()));
+        ears.push(ear(subscription, take, shared.count_broken(&topic)));
     }
     if !settings.pose.is_empty() {
         ears.push(true_pose(graph, &settings.topic(&settings.pose), shared, until)?);
@@ -391,9 +434,9 @@ fn switches(
         graph.subscribe::<msg::Text>(crate::log::topics::MARK.name(), msg::Text::TYPE, reliable_qos())?;
     let take = move |said: msg::Text| match parse_mark(&said.data, &names) {
         Ok(mark) => of.put(0, Reading::Mark(mark)),
-        Err(reason) => of.refuse(reason),
+        Err(reason) => of.refuse(crate::log::topics::MARK.name(), reason),
     };
-    ears.push(ear(subscription, take, shared.count_broken()));
+    ears.push(ear(subscription, take, shared.count_broken(crate::log::topics::MARK.name())));
     for (task, topic) in scenario.tasks.iter().enumerate().filter_map(|(task, of)| Some((task, of.topic.clone()?))) {
         ears.push(reward(graph, task, &settings.topic(&topic), shared, until)?);
     }
@@ -405,7 +448,7 @@ fn true_pose(graph: &mut Graph, topic: &str, shared: &Shared, until: Instant) ->
     let kind = graph.wait_for("pose", topic, &kinds, until)?;
     let of = shared.clone();
     let put = move |header: &msg::Header, pose: &msg::Pose| of.put(header.stamp_ns(), Reading::Pose(planar(pose)));
-    let broken = shared.count_broken();
+    let broken = shared.count_broken(topic);
     Ok(if kind == msg::PoseStamped::TYPE {
         let subscription = graph.subscribe::<msg::PoseStamped>(topic, &kind, sensor_qos())?;
         ear(subscription, move |of| put(&of.header, &of.pose), broken)
@@ -423,7 +466,7 @@ fn reward(graph: &mut Graph, task: usize, topic: &str, shared: &Shared, until: I
     let kind = graph.wait_for("reward", topic, &kinds, until)?;
     let of = shared.clone();
     let put = move |reward: f64| of.put(0, Reading::Reward { task, reward });
-    let broken = shared.count_broken();
+    let broken = shared.count_broken(topic);
     Ok(if kind == foreign::Bool::TYPE {
         let subscription = graph.subscribe::<foreign::Bool>(topic, &kind, reliable_qos())?;
         ear(subscription, move |said| put(f64::from(u8::from(said.data))), broken)

@@ -2,14 +2,18 @@
 //!
 //! [`Link`] is a [`Base`](crate::source::live::Base): images, odometry and the rest come in on threads of their own, so that a
 //! camera never holds up a velocity; velocities go out from the loop of control. A watchdog with a thread and a publisher of its own
-//! says zero when that loop hangs. [`Doctor`] says what is on the network before anything drives.
+//! says zero when that loop hangs. [`Voice`] publishes how the run is doing, and hears what is asked of it. [`Doctor`] says what is on the network before anything drives.
 
 mod doctor;
 mod graph;
 mod link;
 mod listen;
+mod said;
+mod voice;
 mod watchdog;
 
 pub use doctor::{Doctor, Finding};
 pub use graph::{Graph, LinkError};
 pub use link::Link;
+pub use said::{Colour, DiagnosticStatus, KeyValue, Marker};
+pub use voice::{Request, Voice};

@@ -59,6 +59,13 @@ fn bodies(s: &Scenario, reader: &mut Reader<'_>) {
     if s.motion.is_none() {
         return;
     }
+    if let Some(name) = s.motion.as_ref().and_then(|motion| motion.safety.battery_task.as_ref())
+        && !s.tasks.iter().any(|task| task.name == *name)
+    {
+        let names: Vec<&str> = s.tasks.iter().map(|task| task.name.as_str()).collect();
+        let text = format!("= {name:?} is no task: there are {}", names.join(", "));
+        reader.fault_at("safety.battery_task", text);
+    }
     for (section, count) in [("change", s.changes.len()), ("show", s.shows.len())] {
         for number in 0..count {
             let text =

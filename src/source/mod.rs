@@ -9,6 +9,7 @@ pub use imported::{ImportReport, Imported};
 pub use recorded::{Recorded, Resumed};
 pub use segments::{Rule, Segment, Segmenter, Step};
 
+use crate::policy::Goto;
 use crate::robot::{Action, Pose};
 use crate::scenario::{FORGET, Scenario};
 use crate::snapshot::{Snapshot, SnapshotError};
@@ -40,6 +41,8 @@ pub struct Frame {
     pub moved: Vec<GoalMove>,
     /// What somebody marked with this frame.
     pub marks: Vec<Mark>,
+    /// Where somebody sends the robot from here; only the last frame of an action has it.
+    pub goto: Option<Goto>,
     /// Rewards from outside for the action that ends with this frame, by task, not a number where nothing was published; empty
     /// without such tasks, and where no action ends.
     pub rewards: Vec<f64>,
@@ -81,6 +84,20 @@ pub fn parse_mark(text: &str, scenario: &Scenario) -> Result<Mark, String> {
             ))
         }
     }
+}
+
+/// Where somebody sends the robot, from text as messages hold it: a task's name; nothing for wherever the schedule has it go.
+///
+/// # Errors
+/// There is no such task; the text names those that are.
+pub fn parse_goto(text: &str, scenario: &Scenario) -> Result<Goto, String> {
+    if text.is_empty() {
+        return Ok(Goto::Schedule);
+    }
+    scenario.tasks.iter().position(|task| task.name == text).map(Goto::Task).ok_or_else(|| {
+        let names: Vec<&str> = scenario.tasks.iter().map(|task| task.name.as_str()).collect();
+        format!("there is no task {text:?}: there are {}", names.join(", "))
+    })
 }
 
 /// What a mark says.

@@ -5,12 +5,13 @@ use std::sync::Arc;
 
 use nalgebra::Point2;
 
-use super::{Boundary, Frame, GoalMove, Journal, Mark, Source, View, parse_mark};
+use super::{Boundary, Frame, GoalMove, Journal, Mark, Source, View, parse_goto, parse_mark};
 use crate::log::files::FilesReader;
 use crate::log::messages::{
     self as msg, FrameTaken, GoalMoved, Image, LaserScan, Odometry, PoseStamped, RewardGiven, Text,
 };
 use crate::log::{LogError, Message, Record, topics};
+use crate::policy::Goto;
 use crate::robot::{Action, Pose};
 use crate::scenario::Scenario;
 use crate::snapshot::{Snapshot, SnapshotError};
@@ -24,6 +25,7 @@ struct Sensed {
     taken: Option<FrameTaken>,
     moved: Vec<GoalMove>,
     marks: Vec<Mark>,
+    goto: Option<Goto>,
     rewards: Vec<f64>,
 }
 
@@ -97,6 +99,7 @@ impl Recorded {
             topics::FRAME.name(),
             topics::GOAL.name(),
             topics::MARK.name(),
+            topics::GOTO.name(),
             topics::REWARD.name(),
             topics::OBSERVATION.name(),
         ];
@@ -122,6 +125,8 @@ impl Recorded {
             self.parts.moved.extend(task.map(|task| GoalMove { task, goal: [moved.x, moved.y] }));
         } else if is(topics::MARK.name()) {
             self.parts.marks.extend(parse_mark(&decode::<Text>(record)?.data, &self.scenario).ok());
+        } else if is(topics::GOTO.name()) {
+            self.parts.goto = parse_goto(&decode::<Text>(record)?.data, &self.scenario).ok();
         } else if is(topics::REWARD.name()) {
             let given: RewardGiven = decode(record)?;
             self.parts.rewards.resize(self.scenario.tasks.len(), f64::NAN);
@@ -144,7 +149,7 @@ impl Recorded {
 
     fn frame(&self, parts: Sensed, image: Image, stamp_ns: u64) -> Option<Frame> {
         // The pose is not there where nobody knows it.
-        let Sensed { pose: truth, odometry, sonar, taken, moved, marks, rewards } = parts;
+        let Sensed { pose: truth, odometry, sonar, taken, moved, marks, goto, rewards } = parts;
         let (odometry, sonar, taken) = (odometry?, sonar?, taken?);
         let vision = &self.scenario.vision;
         if image.data.len() != 3 * vision.width * vision.height {
@@ -165,6 +170,7 @@ impl Recorded {
             boundary: taken.boundary.then_some(Boundary { blocked: taken.blocked }),
             moved,
             marks,
+            goto,
             rewards,
         })
     }

@@ -23,6 +23,7 @@
 use std::collections::VecDeque;
 
 use crate::robot::{Action, Pose, wrap};
+use crate::scenario::Robot;
 
 /// Motion of another kind becomes the kind of motion when it has gained this share of an action.
 pub const CHANGE: f64 = 0.25;
@@ -67,6 +68,11 @@ pub struct Step {
 }
 
 impl Rule {
+    /// What an action of a robot is.
+    pub fn of(robot: &Robot) -> Self {
+        Rule { forward: robot.forward, turn: robot.turn_deg.to_radians(), seconds: robot.action_seconds }
+    }
+
     /// The motion between two poses that are `seconds` apart, while the robot was commanded to drive `commanded` metres ahead.
     pub fn step(&self, from: &Pose, to: &Pose, seconds: f64, commanded: f64) -> Step {
         let turned = wrap(to.heading - from.heading);

@@ -59,6 +59,7 @@ impl Simulated {
             boundary,
             moved: Vec::new(),
             marks: Vec::new(),
+            goto: None,
             rewards: if action.is_some() && boundary.is_some() { self.pads() } else { Vec::new() },
         }
     }

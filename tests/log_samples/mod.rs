@@ -48,6 +48,7 @@ pub fn write_samples<W: Write>(
         on.put(topics::FRAME, frame(header.clone(), round))?;
         on.put(topics::GOAL, goal(header.clone(), round))?;
         on.put(topics::MARK, Text { data: format!("centre {round}") })?;
+        on.put(topics::GOTO, Text { data: format!("corner {round}") })?;
         on.put(topics::REWARD, reward(header.clone(), round))?;
         on.put(topics::ROBOT_STATE, state(header.clone(), round))?;
         on.put(topics::ROBOT_COMMAND, TwistStamped { header: header.clone(), twist: twist(round) })?;

@@ -29,6 +29,7 @@ KINDS = {
     "camera_freeze": (MOTION, "the same pixels with new stamps"),
     "camera_late": (FRESHNESS, "images are sent 0.5 s after their stamps"),
     "camera_slightly_late": (None, "images are sent 0.1 s after their stamps"),
+    "camera_size": (FRESHNESS, "images have half of their height"),
     "odom_stop": (FRESHNESS, "no odometry"),
     "scan_stop": (FRESHNESS, "no scans; only for a driver that uses them"),
     "nan": (FRESHNESS, "odometry has NaN for x and for the forward speed"),
@@ -166,6 +167,9 @@ class FaultyLink(Link):
         if kind == "camera_freeze":
             fault.kept = fault.kept or message
             message.data = fault.kept.data
+        elif kind == "camera_size":
+            message.height //= 2
+            message.data = message.data[:message.step * message.height]
         elif kind == "out_of_order" and fault.images == 1:
             fault.kept = message
             return

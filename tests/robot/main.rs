@@ -11,6 +11,7 @@ use std::process::{Child, Command, Output, Stdio};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+use adagio::log::{LogReader, Record, messages};
 use common::{adagio, package_file, report, stderr, stdout};
 use serde_json::Value;
 
@@ -23,7 +24,7 @@ fn alone() -> MutexGuard<'static, ()> {
 
 /// A DDS domain for a test of this process; another process has others, most likely.
 fn domain(test: u16) -> u16 {
-    (std::process::id() % 25) as u16 * 4 + test
+    (std::process::id() % 12) as u16 * 8 + test
 }
 
 /// A Python with rclpy; none where there is none for this machine.
@@ -42,8 +43,12 @@ struct Peer(Option<Child>);
 
 impl Peer {
     fn start(python: &Path, domain: u16, arguments: &[&str]) -> Self {
+        Peer::program(python, "faulty.py", domain, arguments)
+    }
+
+    fn program(python: &Path, name: &str, domain: u16, arguments: &[&str]) -> Self {
         let child = Command::new(python)
-            .arg(package_file("tests/robot/faulty.py"))
+            .arg(package_file("tests/robot").join(name))
             .args(arguments)
             .env("ROS_DOMAIN_ID", domain.to_string())
             .env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
@@ -138,9 +143,8 @@ fn plays_faults(domain: u16, seed: &str, kinds: &str, count: &str, sets: &[&str]
 
 #[test]
 fn sensors_that_stop_freeze_are_late_or_lie_stop_the_robot_and_it_goes_on() {
-    let kinds =
-        "camera_stop,camera_freeze,camera_late,odom_stop,nan,stamp_jump,pause,camera_slightly_late,out_of_order,twice";
-    plays_faults(domain(0), "1", kinds, "10", &[]);
+    let kinds = "camera_stop,camera_freeze,camera_late,camera_size,odom_stop,nan,stamp_jump,pause,camera_slightly_late,out_of_order,twice";
+    plays_faults(domain(0), "1", kinds, "11", &[]);
 }
 
 #[test]
@@ -159,6 +163,41 @@ fn velocities_have_the_type_that_is_listened_to() {
     assert!(ran.status.success(), "{}", stderr(&ran));
     assert_eq!(report(&folder.path().join("run"))["run"]["actions"], 12);
     drop(peer);
+}
+
+#[test]
+fn people_with_ros_tools_hear_of_the_run_stop_it_drive_and_send_it() {
+    let (Some(python), _alone) = (python(), alone()) else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let _peer = Peer::start(&python, domain(4), &["--kinds", "twice", "--faults", "500", "--patience", "60"]);
+    let person = Peer::program(&python, "person.py", domain(4), &["--task", "centre"]);
+    let ran = run(folder.path(), domain(4), &["ros2.teleop=/cmd_vel_teleop", "ros2.wait_seconds=30"]);
+    assert!(ran.status.success(), "{}", stderr(&ran));
+    let said = person.end(60);
+    assert!(said.status.success(), "{}{}", stdout(&said), stderr(&said));
+    let heard: Value = serde_json::from_str(&stdout(&said)).unwrap();
+    assert!(heard["paused_way"].as_f64().unwrap() < 0.01, "{heard}");
+    assert_eq!(heard["observation"], serde_json::json!([32, 16, 1536]));
+    assert_eq!(heard["markers"], serde_json::json!(["goals", "robot", "way"]));
+    assert_eq!(heard["parts"], serde_json::json!(["losses", "program", "robot", "run"]));
+    assert!(heard["refusal"].as_str().unwrap().contains("centre, corner"), "{heard}");
+    // It was asked for in the log; and what a person drove was learned from, as actions.
+    let (mut sent, mut moved, mut by_hand, mut state) = (Vec::new(), 0, 0, String::new());
+    for record in LogReader::open(&folder.path().join("run/run_000.mcap")).unwrap() {
+        let record = record.unwrap();
+        let Record::Message { topic, .. } = &record else { continue };
+        match &**topic {
+            "/adagio/goto" => sent.push(record.decode::<messages::Text>().unwrap().data),
+            "/adagio/goal" => moved += 1,
+            "/robot/state" => state = record.decode::<messages::RobotState>().unwrap().state,
+            "/adagio/transition" if state == "driven by a person" => by_hand += 1,
+            _ => {}
+        }
+    }
+    assert_eq!((sent, moved), (vec!["centre".to_owned()], 1));
+    assert!(by_hand >= 4, "{by_hand} actions by hand: 3.6 rad were driven at least");
+    let verified = adagio(folder.path(), &["replay", "run", "--verify", "--quiet", "--no-report"]);
+    assert!(verified.status.success(), "{}{}", stdout(&verified), stderr(&verified));
 }
 
 #[test]

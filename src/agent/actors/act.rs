@@ -66,6 +66,9 @@ impl Act {
             (false, _) => percept.outcomes.in_goal[task],
         };
         let able = |task: usize| self.learned.as_ref().is_some_and(|learned| learned.has_goal(task, self.shown[task]));
+        if let Some(goto) = percept.goto {
+            self.behaviour.send(goto);
+        }
         let (leg, ended) = self.behaviour.next(self.number, &in_goal, &able);
         let (action, q_values, reflex) = match (leg, &state) {
             (Behaviour::Pursue(task), Some(state)) => {
@@ -150,6 +153,7 @@ fn percept(snapshot: &mut Snapshot, percept: &mut Option<Percept>) -> Result<(),
     let mut action = of.and_then(|p| p.action).map(Action::index);
     let mut recent = recent_numbers(of.map_or(Recent::default(), |p| p.recent));
     let mut came_to = of.map(SavedOutcomes::of);
+    let mut goto = of.and_then(|p| p.goto);
     snapshot.value("frame", &mut frame)?;
     snapshot.value("stamp_ns", &mut stamp_ns)?;
     snapshot.numbers("pixels", &mut pixels)?;
@@ -157,6 +161,7 @@ fn percept(snapshot: &mut Snapshot, percept: &mut Option<Percept>) -> Result<(),
     snapshot.value("action", &mut action)?;
     snapshot.value("recent", &mut recent)?;
     snapshot.value("came_to", &mut came_to)?;
+    snapshot.value("goto", &mut goto)?;
     if snapshot.is_restoring() {
         let action = action.map(|number| action_of(snapshot, number)).transpose()?;
         let recent = recent_of(snapshot, recent)?;
@@ -167,6 +172,7 @@ fn percept(snapshot: &mut Snapshot, percept: &mut Option<Percept>) -> Result<(),
             action,
             recent,
             outcomes: came_to.outcomes(),
+            goto,
             asked: Vec::new(),
         });
         snapshot.check("came_to", percept.is_some(), "nothing")?;
@@ -317,6 +323,9 @@ impl ActLoop<'_> {
             if decision.ends_run {
                 break;
             }
+            if decision.ended.is_some_and(|end| end.sent) {
+                self.wait_there(percept.stamp_ns);
+            }
             progress.acting.actions += 1;
             let sent = self.record.decision(&decision, frame, percept.stamp_ns);
             if sent.is_err() || actions.put(Item::Work(decision.action)).is_err() {
@@ -336,6 +345,14 @@ impl ActLoop<'_> {
         }
         progress.pass_on(&self.models);
         Ok(progress.ended())
+    }
+
+    /// The robot is where somebody has sent it: it waits there until it is to go on. A recording has nobody who could say so.
+    fn wait_there(&self, stamp_ns: u64) {
+        if let Some(controls) = self.controls {
+            controls.pause(true);
+            self.pause(stamp_ns);
+        }
     }
 
     /// While somebody wants a pause, decide nothing: between two actions a robot stands still.

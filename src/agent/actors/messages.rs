@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use crate::agent::runtime::marker::Marker;
 use crate::dictionary::Dictionary;
-use crate::policy::{Behaviour, Learned, PursuitEnd, Recent};
+use crate::policy::{Behaviour, Goto, Learned, PursuitEnd, Recent};
 use crate::robot::{Action, ActionValues};
 use crate::slow::{Moments, SlowModel};
 use crate::value::{Fit, Transition};
@@ -42,6 +42,8 @@ pub struct Percept {
     /// What the reflexes are to know of the actions so far.
     pub recent: Recent,
     pub outcomes: TaskOutcomes,
+    /// Where somebody sends the robot.
+    pub goto: Option<Goto>,
     /// Frames at which models were asked for since the percept before.
     pub asked: Vec<u64>,
 }

@@ -11,7 +11,7 @@ use crate::agent::runtime::status::StatusValues;
 use crate::evaluate::TaskResult;
 use crate::log::messages as msg;
 use crate::log::{LogError, Message, RunLog, RunTotals, Topic, topics};
-use crate::policy::{Behaviour, Learned, PursuitEnd};
+use crate::policy::{Behaviour, Goto, Learned, PursuitEnd};
 use crate::robot::{Action, ActionSet, Pose, Velocity};
 use crate::scenario::Scenario;
 use crate::source::live::{Event, Reading, Received};
@@ -168,7 +168,7 @@ impl Recorder {
         let header = |frame: &str| msg::Header::new(stamp_ns, frame);
         let (name, values) = match reading {
             // Marks are logged with their frames, and images as observations.
-            Reading::Image(_) | Reading::Mark(_) => return Ok(()),
+            Reading::Image(_) | Reading::Mark(_) | Reading::Unusable(_) => return Ok(()),
             Reading::Odometry { pose, velocity } => {
                 let odometry = msg::Odometry {
                     header: header("odom"),
@@ -222,10 +222,20 @@ impl Recorder {
         Ok(())
     }
 
+    /// Where somebody sends the robot with a frame, as they say it.
+    pub fn goto(&self, goto: Option<Goto>, frame: u64, stamp_ns: u64) -> Result<(), Closed> {
+        let Some(goto) = goto else { return Ok(()) };
+        let data = match goto {
+            Goto::Task(task) => self.scenario.tasks[task].name.clone(),
+            Goto::Schedule => String::new(),
+        };
+        self.write(topics::GOTO, frame, stamp_ns, msg::Text { data })
+    }
+
     /// A pursuit that is over.
     pub fn pursuit(&self, end: PursuitEnd, frame: u64, stamp_ns: u64) -> Result<(), Closed> {
         let header = msg::Header::new(stamp_ns, "base_link");
-        let PursuitEnd { task, arrived, actions } = end;
+        let PursuitEnd { task, arrived, actions, .. } = end;
         let task = self.scenario.tasks[task].name.clone();
         let message = msg::PursuitEnded { header, frame, task, arrived, actions: actions as u32 };
         self.write(topics::PURSUIT, frame, stamp_ns, message)

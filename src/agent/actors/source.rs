@@ -58,6 +58,7 @@ impl SourceLoop<'_> {
                 // The last frame of an action is never dropped.
                 if frame.boundary.is_some() {
                     frame.moved.extend(controls.take_moves());
+                    frame.goto = controls.take_goto().or(frame.goto);
                 }
             }
             let first_ns = *first_ns.get_or_insert(frame.stamp_ns);

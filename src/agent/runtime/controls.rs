@@ -1,16 +1,19 @@
-//! What a person who watches a run asks of it: to pause, to move a goal, and that it is at a place that is to be shown.
+//! What a person who watches a run asks of it: to pause, to go somewhere, to move a goal, and that it is at a place that
+//! is to be shown.
 //!
 //! The run looks at this once per action, and waits for nobody but while it is paused. That a run is to end is said by
 //! [`RunOptions::stop`](crate::agent::RunOptions::stop), as for the first Ctrl-C; it ends a pause, too.
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use thiserror::Error;
 
+use crate::policy::Goto;
 use crate::robot::Action;
+use crate::source::live::Switches;
 use crate::source::{GoalMove, Mark, MarkKind};
 
 /// Moves of goals that may wait: a person makes one at a time.
@@ -43,10 +46,10 @@ pub enum Marking {
 /// What is asked of a run, shared between it and whoever asks.
 #[derive(Debug, Default)]
 pub struct Controls {
-    /// Looked at once per action, without a lock; a robot looks at it, too.
-    wanted: Arc<AtomicBool>,
-    /// A robot that is held may go on.
-    released: Arc<AtomicBool>,
+    /// What a robot shares: that a pause is wanted is looked at once per action, without a lock.
+    switches: Switches,
+    /// Number of the task to whose goal a robot drives whose battery is low.
+    dock: Option<usize>,
     state: Mutex<State>,
     changed: Condvar,
 }
@@ -58,6 +61,7 @@ struct State {
     /// Length of all pauses that are over.
     over: Duration,
     moves: VecDeque<GoalMove>,
+    goto: Option<Goto>,
     /// What is being marked, and until when.
     held: Option<(usize, Instant)>,
     /// What is to be marked by turns, and how many.
@@ -69,26 +73,26 @@ struct State {
 }
 
 impl Controls {
-    /// Controls that share with a robot whether the run is paused, and whether it may go on where it is held.
-    pub fn sharing(paused: Arc<AtomicBool>, released: Arc<AtomicBool>) -> Self {
-        Controls { wanted: paused, released, ..Controls::default() }
+    /// Controls that share these switches with a robot, which drives to the goal of the task `dock` when its battery is low.
+    pub fn sharing(switches: Switches, dock: Option<usize>) -> Self {
+        Controls { switches, dock, ..Controls::default() }
     }
 
     /// Let a robot go on that is held after a stop.
     pub fn release(&self) {
-        self.released.store(true, Ordering::Release);
+        self.switches.go_on.store(true, Ordering::Release);
     }
 
     /// Let the run stand still from its next decision on, or go on.
     pub fn pause(&self, paused: bool) {
-        self.wanted.store(paused, Ordering::Release);
+        self.switches.paused.store(paused, Ordering::Release);
         let _held = self.lock();
         self.changed.notify_all();
     }
 
     /// Whether a pause is wanted. The action that is under way is finished first.
     pub fn is_paused(&self) -> bool {
-        self.wanted.load(Ordering::Acquire)
+        self.switches.paused.load(Ordering::Acquire)
     }
 
     /// Whether the run stands still now.
@@ -123,6 +127,18 @@ impl Controls {
     /// Take all moves that wait, for the run.
     pub(in crate::agent) fn take_moves(&self) -> Vec<GoalMove> {
         self.lock().moves.drain(..).collect()
+    }
+
+    /// Send the robot somewhere; the last one counts. Whoever asks has checked that the task exists. Once it is there, the run
+    /// is paused.
+    pub fn send(&self, goto: Goto) {
+        self.lock().goto = Some(goto);
+    }
+
+    /// Take where the robot is to go, for the run.
+    pub(in crate::agent) fn take_goto(&self) -> Option<Goto> {
+        let low = self.switches.battery_low.swap(false, Ordering::Relaxed);
+        self.dock.filter(|_| low).map(Goto::Task).or_else(|| self.lock().goto.take())
     }
 
     /// Mark the place of a number, see [`Scenario::names`](crate::scenario::Scenario::names). Whoever asks has checked that it is

@@ -11,12 +11,12 @@ use hyper::header::{
     ALLOW, CACHE_CONTROL, CONTENT_SECURITY_POLICY, CONTENT_TYPE, HeaderValue, REFERRER_POLICY, X_CONTENT_TYPE_OPTIONS,
 };
 use hyper::{Method, Request, Response, StatusCode};
-use nalgebra::Point2;
 use serde::Deserialize;
 
 use super::{Shared, bytes};
 use crate::agent::Marking;
-use crate::source::{GoalMove, MarkKind, parse_mark};
+use crate::live::ask::goal_move;
+use crate::source::{MarkKind, parse_goto, parse_mark};
 
 /// Most bytes of a request's body, and longest time for it.
 const MOST_BODY: usize = 1 << 10;
@@ -35,7 +35,7 @@ pub async fn answer(request: Request<Incoming>, shared: Arc<Shared>) -> Result<R
         return Ok(refused(status, text));
     }
     let gets = ["/", "/now", "/curves", "/maps"].contains(&path);
-    let posts = ["/pause", "/resume", "/stop", "/goal", "/mark"].contains(&path);
+    let posts = ["/pause", "/resume", "/stop", "/goal", "/goto", "/mark", "/release"].contains(&path);
     let allowed = if gets { Method::GET } else { Method::POST };
     if !gets && !posts {
         return Ok(refused(StatusCode::NOT_FOUND, "there is no such page"));
@@ -69,11 +69,13 @@ pub async fn answer(request: Request<Incoming>, shared: Arc<Shared>) -> Result<R
         "/curves" => Ok(shared.published().curves.clone()),
         "/maps" => Ok(shared.published().maps.clone()),
         "/goal" => read(body).await.and_then(|body| move_goal(&shared, &body)),
+        "/goto" => read(body).await.and_then(|body| goto(&shared, &body)),
         "/mark" => read(body).await.and_then(|body| mark(&shared, &body)),
         _ => {
             match path {
                 "/pause" => shared.controls.pause(true),
                 "/resume" => shared.controls.pause(false),
+                "/release" => shared.controls.release(),
                 _ => shared.stop.store(true, Ordering::Relaxed),
             }
             Ok(Bytes::from_static(b"{}"))
@@ -113,26 +115,25 @@ fn move_goal(shared: &Shared, body: &[u8]) -> Answer {
         let names: Vec<&str> = shared.scenario.tasks.iter().map(|task| task.name.as_str()).collect();
         return Err(wrong(format!("there is no task {:?}: there are {}", wanted.task, names.join(", "))));
     };
-    if !shared.scenario.tasks[task].needs_pose() {
-        return Err(wrong(format!(
-            "the goal of {:?} is told by marks or by a topic: it cannot be moved to coordinates",
-            wanted.task
-        )));
-    }
-    let place = Point2::new(wanted.x, wanted.y);
-    // JSON has no numbers that are not finite, but some that become so.
-    if !(wanted.x.is_finite() && wanted.y.is_finite() && shared.plan.is_reachable(place)) {
-        let (low, high) = shared.plan.reachable_box();
-        return Err(wrong(format!(
-            "the robot cannot be at ({}, {}) m: what it reaches lies within ({:.2}, {:.2}) and ({:.2}, {:.2})",
-            wanted.x, wanted.y, low.x, low.y, high.x, high.y
-        )));
-    }
-    if !shared.plan.leaves_circle(place, shared.scenario.tasks[task].radius) {
-        return Err(wrong(format!("a goal at ({}, {}) m would cover all that the robot reaches", wanted.x, wanted.y)));
-    }
+    let wanted = goal_move(&shared.scenario, &shared.plan, task, [wanted.x, wanted.y]).map_err(wrong)?;
     let busy = |error: crate::agent::TooMany| (StatusCode::SERVICE_UNAVAILABLE, error.to_string());
-    shared.controls.move_goal(GoalMove { task, goal: [wanted.x, wanted.y] }).map_err(busy)?;
+    shared.controls.move_goal(wanted).map_err(busy)?;
+    Ok(Bytes::from_static(b"{}"))
+}
+
+/// Where the robot shall go.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct GotoRequest {
+    /// Name of the task; nothing for wherever the schedule has it go.
+    task: String,
+}
+
+fn goto(shared: &Shared, body: &[u8]) -> Answer {
+    let wrong = |text: String| (StatusCode::BAD_REQUEST, text);
+    let wanted: GotoRequest = serde_json::from_slice(body)
+        .map_err(|error| wrong(format!("this is nowhere to go to, {{\"task\": NAME}}: {error}")))?;
+    shared.controls.send(parse_goto(&wanted.task, &shared.scenario).map_err(wrong)?);
     Ok(Bytes::from_static(b"{}"))
 }
 

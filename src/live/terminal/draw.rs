@@ -75,6 +75,7 @@ fn headline(view: &View) -> Line<'static> {
         Span::styled(view.title.clone(), Style::default().add_modifier(Modifier::BOLD)),
         Span::styled(format!("  {phase}{silent}"), Style::default().fg(colour)),
         Span::raw(text),
+        Span::raw(view.robot.as_ref().map_or(String::new(), |robot| format!("  robot {robot}"))),
     ])
 }
 

@@ -35,8 +35,10 @@ pub struct Safety {
     pub margin: f64,
     /// How long the robot goes on before a command to stop is heeded, seconds.
     pub reaction_seconds: f64,
-    /// Charge below which the robot stands, as a share.
+    /// Charge below which the battery is low, as a share.
     pub battery: f64,
+    /// Name of the task to whose goal the robot drives then; `None`: it stands.
+    pub battery_task: Option<String>,
 }
 
 /// What a robot has beside camera and odometry.
@@ -67,6 +69,7 @@ impl Safety {
             reaction: seconds(self.reaction_seconds),
             still: motion.still,
             battery: self.battery,
+            battery_empty: if self.battery_task.is_some() { self.battery / 2.0 } else { self.battery },
         }
     }
 
@@ -121,8 +124,15 @@ impl Safety {
                 0.0,
                 "share",
                 Range::within(0.0, 1.0),
-                "charge below which it stands; 0: never",
+                "charge below which its battery is low; 0: never",
             ),
+            battery_task: Some(s.text(
+                "battery_task",
+                "",
+                "a task: when the battery is low it drives to its goal and waits there, and at half of that charge it stands where it \
+                 is; \"\": it stands at once",
+            ))
+            .filter(|task| !task.is_empty()),
         }
     }
 }

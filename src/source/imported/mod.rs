@@ -146,8 +146,7 @@ impl Imported {
     pub fn open(scenario: Arc<Scenario>, survey: &LogContents, roles: &Roles) -> Result<Self, ImportError> {
         let usual = usual_interval_ns(survey, roles, &scenario);
         let usual = usual.ok_or_else(|| ImportError::Rate("there are no two images".into()))?;
-        let robot = &scenario.robot;
-        let rule = Rule { forward: robot.forward, turn: robot.turn_deg.to_radians(), seconds: robot.action_seconds };
+        let rule = Rule::of(&scenario.robot);
         let cutting = match &roles.action {
             Some(_) => Segmentation::RecordedActions(RecordedActions::default()),
             None => Segmentation::Motion(Box::default()),
@@ -324,6 +323,7 @@ impl Imported {
             boundary: ends.map(|blocked| Boundary { blocked }),
             moved: Vec::new(),
             marks: std::mem::take(&mut sensed.marks),
+            goto: None,
             rewards: if ends.is_some() { std::mem::take(&mut sensed.rewards) } else { Vec::new() },
         });
         self.report.frames += 1;

@@ -76,6 +76,8 @@ pub enum Reading {
     },
     /// Somebody marks what the camera sees.
     Mark(Mark),
+    /// Something came that cannot be used, and why.
+    Unusable(String),
 }
 
 /// Distances from the robot's centre, counter-clockwise.

@@ -21,7 +21,7 @@ use crate::robot::{
 };
 use crate::scenario::{Equipment, Motion, Scenario};
 use crate::snapshot::{Snapshot, SnapshotError};
-use crate::source::{Boundary, Frame, Mark, View};
+use crate::source::{Boundary, Frame, Mark, Rule, Segmenter, View};
 use crate::vision::Image;
 
 /// Poses that are kept for images that come in later than these, nanoseconds.
@@ -32,6 +32,9 @@ const EARLY: f64 = 0.1;
 
 /// A robot was moved between two actions if it is farther from where it stood: metres, radians.
 const MOVED: [f64; 2] = [0.05, 0.1];
+
+/// Images under a person's hand that may wait until it is known of which action they are.
+const MOST_HELD: usize = 200;
 
 /// Odometry that goes so many times as fast as the limits allow, and this far besides, has jumped: metres, radians.
 const JUMP: (f64, [f64; 2]) = (3.0, [0.2, 0.5]);
@@ -75,7 +78,7 @@ pub struct Unused {
     pub not_finite: u64,
 }
 
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 enum Phase {
     /// It waits for an action.
     Idle,
@@ -83,8 +86,32 @@ enum Phase {
     Look,
     /// An action is on its way.
     Doing { action: Action, controller: Controller },
+    /// A person drives: what that is is told when it is done.
+    Driven(Box<Hand>),
     /// An action is over; the first image that was taken since then ends it.
     Ending { action: Action, blocked: bool, from: Duration },
+}
+
+/// What was sensed when an image was taken.
+#[derive(Debug, Clone)]
+struct Seen {
+    stamp_ns: u64,
+    taken: Duration,
+    image: Image,
+    odometry: Pose,
+    truth: Option<Pose>,
+    sonar: Vec<f32>,
+    marks: Vec<Mark>,
+}
+
+/// Motion under a person's hand, cut into actions as that of bags.
+#[derive(Debug, Clone, Default)]
+struct Hand {
+    segmenter: Segmenter,
+    /// Images that belong to no action yet, and before them the last one of the action before.
+    held: VecDeque<Seen>,
+    /// Whether that last one was given.
+    given: bool,
 }
 
 /// Readings in, frames and velocities out.
@@ -93,6 +120,8 @@ pub struct Drive {
     motion: Motion,
     actions: ActionSet,
     interval: Duration,
+    /// What an action is when a person drives.
+    rule: Rule,
     safety: Safety,
     clock: RobotClock,
     phase: Phase,
@@ -108,6 +137,8 @@ pub struct Drive {
     /// A number for the pixels of the newest image.
     pixels: Option<u64>,
     bumper: bool,
+    /// The battery has become low, and nobody was told yet.
+    battery_low: bool,
     /// When the newest odometry was measured, by our clock.
     measured: Duration,
     number: u64,
@@ -131,6 +162,7 @@ impl Drive {
         Drive {
             actions: scenario.robot.actions(),
             interval: Duration::from_secs_f64(scenario.robot.frame_seconds()),
+            rule: Rule::of(&scenario.robot),
             safety: Safety::new(settings),
             clock: RobotClock::default(),
             phase: Phase::Look,
@@ -144,6 +176,7 @@ impl Drive {
             marks: Vec::new(),
             pixels: None,
             bumper: false,
+            battery_low: false,
             measured: Duration::ZERO,
             number,
             taken_ns: None,
@@ -174,6 +207,11 @@ impl Drive {
         self.events.pop_front()
     }
 
+    /// Whether the battery has become low since this was last asked.
+    pub fn take_battery_low(&mut self) -> bool {
+        std::mem::take(&mut self.battery_low)
+    }
+
     /// What came in and was not used.
     pub fn unused(&self) -> Unused {
         self.unused
@@ -181,7 +219,7 @@ impl Drive {
 
     /// Do an action. Where the robot does something else, or was moved since the last frame, what it sees now comes first.
     pub fn order(&mut self, action: Action) {
-        if self.phase != Phase::Idle {
+        if !matches!(self.phase, Phase::Idle) {
             return;
         }
         let moved = match (self.stood, self.odometry.back()) {
@@ -202,7 +240,7 @@ impl Drive {
     pub fn hear(&mut self, received: Received) {
         let Received { at, stamp_ns, ref reading } = received;
         let logged = match reading {
-            Reading::Image(_) => None,
+            Reading::Image(_) | Reading::Unusable(_) => None,
             _ => Some(received.clone()),
         };
         match received.reading {
@@ -213,7 +251,9 @@ impl Drive {
             Reading::EmergencyStop(pressed) => self.safety.hear_emergency_stop(at, pressed),
             Reading::Lock(locked) => self.safety.hear_lock(at, locked),
             Reading::Teleop(velocity) => self.safety.hear_person(at, velocity),
-            Reading::Battery(charge) => self.safety.hear_battery(charge),
+            Reading::Battery(charge) => {
+                self.battery_low |= self.safety.hear_battery(charge);
+            }
             Reading::Pose(pose) => keep(&mut self.poses, stamp_ns, pose),
             Reading::Reward { task, reward } => {
                 if let Some(place) = self.rewards.get_mut(task) {
@@ -221,6 +261,7 @@ impl Drive {
                 }
             }
             Reading::Mark(mark) => self.marks.push(mark),
+            Reading::Unusable(reason) => self.note(reason),
         }
         self.events.extend(logged.map(Event::Heard));
     }
@@ -265,8 +306,11 @@ impl Drive {
                 self.phase = Phase::Ending { action, blocked, from: self.measured };
             }
         }
-        if state == DriveState::Driven {
-            self.leave_action();
+        match &self.phase {
+            Phase::Driven(_) if state != DriveState::Driven => self.let_go(),
+            Phase::Driven(_) => {}
+            _ if state == DriveState::Driven => self.phase = Phase::Driven(Box::default()),
+            _ => {}
         }
         let stamp_ns = self.stamp();
         if (state, causes) != self.told {
@@ -280,6 +324,59 @@ impl Drive {
     /// What was being done is not done any more, and nobody knows what came of it.
     fn leave_action(&mut self) {
         self.phase = Phase::Look;
+    }
+
+    /// The person does not drive any more.
+    fn let_go(&mut self) {
+        if let Phase::Driven(mut hand) = std::mem::replace(&mut self.phase, Phase::Look) {
+            hand.segmenter.interrupt();
+            self.give_driven(&mut hand);
+        }
+    }
+
+    /// One more image under a person's hand.
+    fn drive_on(&mut self, seen: Seen) {
+        let Phase::Driven(mut hand) = std::mem::replace(&mut self.phase, Phase::Look) else { return };
+        if let Some(last) = hand.held.back() {
+            let seconds = seen.taken.saturating_sub(last.taken).as_secs_f64();
+            hand.segmenter.push(self.rule.step(&last.odometry, &seen.odometry, seconds, 0.0));
+        }
+        hand.held.push_back(seen);
+        if hand.held.len() > MOST_HELD {
+            hand.segmenter.interrupt();
+        }
+        self.give_driven(&mut hand);
+        self.phase = Phase::Driven(hand);
+    }
+
+    /// Make frames of the actions of a person that are done.
+    fn give_driven(&mut self, hand: &mut Hand) {
+        while let Some(segment) = hand.segmenter.finished() {
+            let Some(action) = segment.action else {
+                hand.held.drain(..segment.frames.min(hand.held.len()));
+                hand.given = false;
+                continue;
+            };
+            let ends = Boundary { blocked: segment.blocked };
+            for index in 0..=segment.frames {
+                let Some(seen) = hand.held.get_mut(index) else { break };
+                match index {
+                    0 if hand.given => {}
+                    0 => {
+                        let seen = seen.clone();
+                        self.give(seen, None, Some(Boundary { blocked: false }));
+                    }
+                    _ => {
+                        // It is given once: only its pose is needed again.
+                        let image = std::mem::take(&mut seen.image);
+                        let seen = Seen { image, ..seen.clone() };
+                        self.give(seen, Some(action), (index == segment.frames).then_some(ends));
+                    }
+                }
+            }
+            hand.held.drain(..segment.frames.min(hand.held.len()));
+            hand.given = true;
+        }
     }
 
     fn note(&mut self, text: String) {
@@ -358,12 +455,26 @@ impl Drive {
                 self.take(stamp_ns, taken, image, Some(action), Some(Boundary { blocked }));
                 self.phase = Phase::Idle;
             }
+            Phase::Driven(_) if waited => {
+                if let Some(seen) = self.seen(stamp_ns, taken, image) {
+                    self.taken = Some(taken);
+                    self.drive_on(seen);
+                }
+            }
             Phase::Look if stands && self.last_step.is_some_and(|now| self.safety.is_fresh(now)) => {
                 self.take(stamp_ns, taken, image, None, Some(Boundary { blocked: false }));
                 self.phase = Phase::Idle;
             }
             _ => {}
         }
+    }
+
+    /// An image with what was sensed nearest to it; nothing without odometry.
+    fn seen(&mut self, stamp_ns: u64, taken: Duration, image: Image) -> Option<Seen> {
+        let odometry = nearest(&self.odometry, stamp_ns)?.pose;
+        let truth = nearest(&self.poses, stamp_ns).filter(|_| self.scenario.robot.pose_known);
+        let (sonar, marks) = (self.sonar.clone(), std::mem::take(&mut self.marks));
+        Some(Seen { stamp_ns, taken, image, odometry, truth, sonar, marks })
     }
 
     fn take(
@@ -374,9 +485,14 @@ impl Drive {
         action: Option<Action>,
         boundary: Option<Boundary>,
     ) {
-        let Some(odometry) = nearest(&self.odometry, stamp_ns) else { return };
+        if let Some(seen) = self.seen(stamp_ns, taken, image) {
+            self.give(seen, action, boundary);
+        }
+    }
+
+    fn give(&mut self, seen: Seen, action: Option<Action>, boundary: Option<Boundary>) {
+        let Seen { stamp_ns, taken, image, odometry, truth, sonar, marks } = seen;
         let ends = action.is_some() && boundary.is_some();
-        let truth = nearest(&self.poses, stamp_ns).filter(|_| self.scenario.robot.pose_known);
         // Stamps of frames never go back, whatever the robot's clock does.
         let stamp_ns = self.taken_ns.map_or(stamp_ns, |taken| stamp_ns.max(taken + 1));
         self.frames.push_back(Frame {
@@ -384,16 +500,17 @@ impl Drive {
             stamp_ns,
             view: View::Image(image),
             truth,
-            odometry: odometry.pose,
-            sonar: self.sonar.clone(),
+            odometry,
+            sonar,
             action,
             boundary,
             moved: Vec::new(),
-            marks: std::mem::take(&mut self.marks),
+            marks,
+            goto: None,
             rewards: if ends { self.rewards.clone() } else { Vec::new() },
         });
         if boundary.is_some() {
-            self.stood = Some(odometry.pose);
+            self.stood = Some(odometry);
         }
         self.number += 1;
         (self.taken_ns, self.taken) = (Some(stamp_ns), Some(taken));

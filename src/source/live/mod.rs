@@ -22,7 +22,7 @@ use crate::scenario::{Equipment, Motion, Scenario};
 use crate::snapshot::{Snapshot, SnapshotError};
 use crate::source::{Frame, Journal, Source};
 
-/// What people ask of a robot from other threads.
+/// What people ask of a robot from other threads, and what it asks of them.
 #[derive(Debug, Clone, Default)]
 pub struct Switches {
     /// The run is paused.
@@ -31,6 +31,8 @@ pub struct Switches {
     pub stop: Arc<AtomicBool>,
     /// Somebody lets the robot go on; taken back when it was heard.
     pub go_on: Arc<AtomicBool>,
+    /// The robot says that its battery has become low; taken back when it was heard.
+    pub battery_low: Arc<AtomicBool>,
 }
 
 /// A robot as a source of frames: the loop of control goes on while an action is executed.
@@ -74,6 +76,9 @@ impl<B: Base> Live<B> {
         }
         if self.switches.stop.load(Ordering::Relaxed) {
             safety.end();
+        }
+        if drive.take_battery_low() {
+            self.switches.battery_low.store(true, Ordering::Relaxed);
         }
         let velocity = drive.step(self.base.now());
         self.base.command(velocity);

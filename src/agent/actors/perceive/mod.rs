@@ -174,6 +174,7 @@ impl Perceive {
             action: frame.action,
             recent: self.recent,
             outcomes: self.goals.outcomes_of(&end_of(boundary.blocked)),
+            goto: frame.goto,
             asked: std::mem::take(&mut self.asked),
         });
         SeenFrame { observation, percept, moved, marks, refused }
@@ -411,6 +412,7 @@ mod tests {
                 boundary,
                 moved,
                 marks,
+                goto: None,
                 rewards,
             }
         };

@@ -62,7 +62,7 @@ impl PerceiveLoop<'_> {
                 }
             };
             let begin = Instant::now();
-            let (stamp, action) = (frame.stamp_ns, frame.action);
+            let (stamp, action, goto) = (frame.stamp_ns, frame.action, frame.goto);
             let mut sent = record.frame(&frame);
             // Frames are missing before this one: the outcome of the action is not known.
             if last_number.replace(frame.number).is_none_or(|last| last + 1 != frame.number) {
@@ -72,6 +72,7 @@ impl PerceiveLoop<'_> {
             // With an observation, a replay has the whole frame.
             sent = sent.and_then(|()| record.goals(&moved, observation.frame, stamp));
             sent = sent.and_then(|()| record.marks(&marks, observation.frame, stamp));
+            sent = sent.and_then(|()| record.goto(goto, observation.frame, stamp));
             sent = sent.and_then(|()| record.observation(&observation, stamp));
             for text in refused {
                 sent = sent.and_then(|()| record.diagnostic(Level::Warn, stamp, text));

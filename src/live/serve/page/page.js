@@ -352,6 +352,13 @@ function draw() {
   $('where').textContent = `frame ${many(now.frame)}, action ${many(now.actions)}${of}, ${many(now.seconds)} s of driving, model ${now.epoch}`;
   $('pause').textContent = now.pausing ? 'Go on' : 'Pause';
   for (const id of ['pause', 'stop']) $(id).disabled = ended;
+  $('robot').hidden = !now.robot;
+  $('robot').textContent = now.robot ? `The robot: ${now.robot}` : '';
+  $('robot').className = /^(stopped|held)/.test(now.robot ?? '') ? 'stopped' : '';
+  $('release').hidden = ended || !/^held/.test(now.robot ?? '');
+  const place = now.tasks[chosen];
+  $('goto').disabled = ended || !place;
+  $('goto').textContent = place ? `Go to ${place.name}` : 'Go there';
   $('move').disabled = ended || !now.tasks[chosen]?.movable;
   $('move').setAttribute('aria-pressed', String(moving));
   $('move').textContent = chosen < now.tasks.length ? `Move the goal of ${now.tasks[chosen].name}` : 'Move the goal';
@@ -386,6 +393,11 @@ async function press(path, body) {
 }
 
 $('pause').onclick = () => press(now.pausing ? '/resume' : '/pause');
+$('release').onclick = () => press('/release');
+$('goto').onclick = async () => {
+  const { name } = now.tasks[chosen];
+  if (await press('/goto', { task: name })) say(`The robot goes to ${name}, and the run is paused when it is there.`, true);
+};
 $('stop').onclick = async () => {
   clearTimeout(sure);
   if (!$('stop').classList.contains('sure')) {
@@ -437,7 +449,8 @@ async function look() {
     ended = true;
     $('phase').textContent = 'no connection';
     $('phase').className = 'phase lost';
-    for (const id of ['pause', 'stop', 'move']) $(id).disabled = true;
+    for (const id of ['pause', 'stop', 'move', 'goto']) $(id).disabled = true;
+    $('release').hidden = true;
     say('The run has ended, or cannot be reached. Trying again.');
     setTimeout(look, 3000);
     return;

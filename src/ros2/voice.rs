@@ -1,0 +1,244 @@
+//! What a run says to the network beside velocities, and what the network asks of it.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+
+use crossbeam_channel::{Receiver, Sender, unbounded};
+use ros2_client::Publisher;
+use serde::de::DeserializeOwned;
+
+use super::graph::{Graph, LinkError, reliable_qos};
+use super::link::Losses;
+use super::listen::{Ear, ear, listen};
+use super::said::{
+    DiagnosticArray, DiagnosticStatus, KeyValue, MapMetaData, Marker, MarkerArray, MessagesLostEvent,
+    MessagesLostEventTopicStat, OccupancyGrid,
+};
+use crate::log::Message;
+use crate::log::messages::{self as msg, foreign};
+use crate::scenario::{Ros2, Scenario};
+
+/// The frame that places are in.
+const MAP: &str = "map";
+
+/// What the network asks of a run.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Request {
+    /// To stand still between two actions, or to go on.
+    Pause(bool),
+    /// To let the robot go on that is held after a stop, and to go on after a pause.
+    GoOn,
+    /// To end.
+    Stop,
+    /// To drive to the goal of a task, or nothing for wherever the schedule has it go.
+    Goto(String),
+    /// To move a goal: that of a task by its number.
+    MoveGoal(usize, [f64; 2]),
+    /// To drive to a place.
+    GoalPose([f64; 2]),
+}
+
+/// Publishers of a run, and requests to it.
+pub struct Voice {
+    graph: Graph,
+    now: Box<dyn Fn() -> u64 + Send>,
+    name: String,
+    observation: Publisher<msg::Image>,
+    diagnostics: Publisher<DiagnosticArray>,
+    markers: Publisher<MarkerArray>,
+    values: BTreeMap<String, Publisher<OccupancyGrid>>,
+    lost: Publisher<MessagesLostEvent>,
+    losses: Losses,
+    /// Losses that were told.
+    told: BTreeMap<String, u64>,
+    requests: Receiver<Request>,
+    over: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Voice {
+    /// Publishers and requests on a node; `now` is the robot's time, nanoseconds since 1970.
+    pub(super) fn open(
+        mut graph: Graph,
+        scenario: &Arc<Scenario>,
+        losses: Losses,
+        now: impl Fn() -> u64 + Send + 'static,
+    ) -> Result<Self, LinkError> {
+        let settings = scenario.ros2.clone().expect("a scenario with robot.body = \"ros2\" has [ros2]");
+        let (asked, requests) = unbounded();
+        let ears = ears(&mut graph, scenario, &settings, &asked)?;
+        let mut values = BTreeMap::new();
+        for task in scenario.tasks.iter().filter(|task| is_name(&task.name)) {
+            let topic = settings.topic(&format!("adagio/value/{}", task.name));
+            values.insert(task.name.clone(), graph.publish(&topic, OccupancyGrid::TYPE)?);
+        }
+        let over = Arc::new(AtomicBool::new(false));
+        let failed = |cause: std::io::Error| LinkError::Network { domain: graph.domain(), cause: cause.to_string() };
+        let thread = Some(listen("requests", ears, &over).map_err(failed)?);
+        Ok(Voice {
+            observation: graph.publish(&settings.topic("adagio/observation"), msg::Image::TYPE)?,
+            // Where ROS's tools look for them.
+            diagnostics: graph.publish("/diagnostics", DiagnosticArray::TYPE)?,
+            markers: graph.publish(&settings.topic("adagio/markers"), MarkerArray::TYPE)?,
+            lost: graph.publish(&settings.topic("events/rosbag2_messages_lost"), MessagesLostEvent::TYPE)?,
+            name: settings.topic(&settings.node),
+            now: Box::new(now),
+            told: BTreeMap::new(),
+            graph,
+            values,
+            losses,
+            requests,
+            over,
+            thread,
+        })
+    }
+
+    /// The next thing that was asked, and not taken yet.
+    pub fn request(&self) -> Option<Request> {
+        self.requests.try_recv().ok()
+    }
+
+    /// A line of diagnostics, on `/rosout`.
+    pub fn say(&self, warns: bool, text: &str) {
+        self.graph.say(warns, text);
+    }
+
+    /// What is learned from: RGB, row by row.
+    pub fn observation(&self, width: usize, height: usize, rgb: &[u8]) {
+        let (height, width, step) = (height as u32, width as u32, 3 * width as u32);
+        let header = msg::Header::new((self.now)(), "camera");
+        let encoding = "rgb8".to_owned();
+        let data = rgb.to_vec();
+        // What nobody listens to, or takes in time, comes again.
+        drop(self.observation.publish(msg::Image { header, height, width, encoding, is_bigendian: 0, step, data }));
+    }
+
+    /// How parts of the run are doing: their names follow that of our node.
+    pub fn diagnostics(&self, mut status: Vec<DiagnosticStatus>) {
+        for part in &mut status {
+            part.name = format!("{}: {}", self.name, part.name);
+        }
+        let lost: u64 = self.losses.now().values().sum();
+        let values = self.losses.now().iter().map(|(topic, count)| KeyValue::new(topic, count)).collect();
+        status.push(DiagnosticStatus {
+            level: if lost == 0 { DiagnosticStatus::OK } else { DiagnosticStatus::WARN },
+            name: format!("{}: losses", self.name),
+            message: format!("{lost} messages were not taken in time, or of no use"),
+            hardware_id: String::new(),
+            values,
+        });
+        drop(self.diagnostics.publish(DiagnosticArray { header: msg::Header::new((self.now)(), ""), status }));
+    }
+
+    /// Messages that were lost since this was last asked, if there are any.
+    pub fn losses(&mut self) {
+        let now = self.losses.now();
+        let new = now.iter().map(|(topic, &count)| (topic, count - self.told.get(topic).copied().unwrap_or(0)));
+        let of = |(topic, count): (&String, u64)| MessagesLostEventTopicStat {
+            topic_name: topic.clone(),
+            messages_lost_in_transport: 0,
+            messages_lost_in_recorder: count,
+        };
+        let messages_lost_statistics: Vec<_> = new.filter(|&(_, count)| count > 0).map(of).collect();
+        if !messages_lost_statistics.is_empty() {
+            drop(self.lost.publish(MessagesLostEvent { node_name: self.name.clone(), messages_lost_statistics }));
+            self.told = now;
+        }
+    }
+
+    /// Things to draw, in the map's frame.
+    pub fn markers(&self, mut markers: Vec<Marker>) {
+        let header = msg::Header::new((self.now)(), MAP);
+        for (id, marker) in markers.iter_mut().enumerate() {
+            (marker.header, marker.id) = (header.clone(), id as i32);
+        }
+        drop(self.markers.publish(MarkerArray { markers }));
+    }
+
+    /// What places are worth to a task, from 0 to 100, −1 where that is not known: rows of `width` cells from the lowest corner.
+    pub fn values(&self, task: &str, low: [f64; 2], cell: f64, width: usize, data: Vec<i8>) {
+        let Some(publisher) = self.values.get(task) else { return };
+        let header = msg::Header::new((self.now)(), MAP);
+        let mut origin = msg::Pose::default();
+        (origin.position.x, origin.position.y, origin.orientation.w) = (low[0], low[1], 1.0);
+        let (map_load_time, height) = (header.stamp.clone(), (data.len() / width.max(1)) as u32);
+        let info = MapMetaData { map_load_time, resolution: cell as f32, width: width as u32, height, origin };
+        drop(publisher.publish(OccupancyGrid { header, info, data }));
+    }
+
+    /// Messages that were lost, by topic.
+    pub fn lost(&self) -> BTreeMap<String, u64> {
+        self.losses.now()
+    }
+}
+
+impl Drop for Voice {
+    fn drop(&mut self) {
+        self.over.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+impl KeyValue {
+    /// A number or a word with its name.
+    pub fn new(key: &str, value: impl ToString) -> Self {
+        KeyValue { key: key.to_owned(), value: value.to_string() }
+    }
+}
+
+/// Whether a task's name can be part of a topic's.
+fn is_name(task: &str) -> bool {
+    let plain = |c: char| c.is_ascii_alphanumeric() || c == '_';
+    task.starts_with(|c: char| c.is_ascii_alphabetic()) && task.chars().all(plain)
+}
+
+/// `std_msgs/msg/Empty`: its one byte is what a structure without members has on the wire.
+#[derive(serde::Deserialize)]
+struct Empty {
+    #[serde(rename = "structure_needs_at_least_one_member")]
+    _nothing: u8,
+}
+
+fn ears(
+    graph: &mut Graph,
+    scenario: &Scenario,
+    settings: &Ros2,
+    asked: &Sender<Request>,
+) -> Result<Vec<Ear>, LinkError> {
+    let empty = "std_msgs/msg/Empty";
+    let mut ears = vec![
+        hear(graph, settings, "adagio/pause", foreign::Bool::TYPE, asked, |of: foreign::Bool| Request::Pause(of.data))?,
+        hear(graph, settings, "adagio/go_on", empty, asked, |_: Empty| Request::GoOn)?,
+        hear(graph, settings, "adagio/stop", empty, asked, |_: Empty| Request::Stop)?,
+        hear(graph, settings, "adagio/goto", msg::Text::TYPE, asked, |of: msg::Text| Request::Goto(of.data))?,
+    ];
+    let at = |of: &msg::PoseStamped| [of.pose.position.x, of.pose.position.y];
+    let pose = msg::PoseStamped::TYPE;
+    ears.push(hear(graph, settings, "goal_pose", pose, asked, move |of| Request::GoalPose(at(&of)))?);
+    for (task, of) in scenario.tasks.iter().enumerate().filter(|(_, task)| task.needs_pose() && is_name(&task.name)) {
+        let topic = format!("adagio/goal/{}", of.name);
+        ears.push(hear(graph, settings, &topic, pose, asked, move |of| Request::MoveGoal(task, at(&of)))?);
+    }
+    Ok(ears)
+}
+
+fn hear<M: DeserializeOwned + Send + 'static>(
+    graph: &mut Graph,
+    settings: &Ros2,
+    topic: &str,
+    kind: &str,
+    asked: &Sender<Request>,
+    request: impl Fn(M) -> Request + Send + 'static,
+) -> Result<Ear, LinkError> {
+    let subscription = graph.subscribe::<M>(&settings.topic(topic), kind, reliable_qos())?;
+    let asked = asked.clone();
+    let take = move |message: M| {
+        // Nobody takes it where the run has ended.
+        let _ = asked.send(request(message));
+    };
+    Ok(ear(subscription, take, |_| {}))
+}
