@@ -19,6 +19,7 @@ mod replay;
 mod report;
 mod resume;
 mod robot;
+mod ros_args;
 mod run;
 mod soak;
 mod steps;
@@ -151,6 +152,9 @@ pub struct RunArgs {
     /// Print report.json instead of a table.
     #[arg(long)]
     pub json: bool,
+    /// Last of all: what launch files of ROS 2 say, -r FROM:=TO for names (also __ns and __node) and -p KEY:=VALUE for keys.
+    #[arg(long, value_name = "ARGS", num_args = 0.., allow_hyphen_values = true)]
+    pub ros_args: Vec<String>,
 }
 
 /// Arguments of `adagio soak`.

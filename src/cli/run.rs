@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 
 use super::drive::{self, Drive};
 use super::robot::{self, Robot};
-use super::{Ending, RunArgs, folder};
+use super::{Ending, RunArgs, folder, ros_args};
 use crate::agent::{self, Memory};
 use crate::live::serve::{ServeError, Server};
 use crate::report::{Origin, Report};
@@ -19,7 +19,12 @@ pub fn run(args: &RunArgs, stop: &Arc<AtomicBool>) -> Result<(), Ending> {
     let mut sets = args.set.clone();
     sets.extend(args.seed.map(|seed| format!("seed={seed}")));
     sets.extend(args.actions.map(|actions| format!("actions={actions}")));
-    let scenario = Arc::new(load(&args.scenario, &sets)?);
+    let mut scenario = load(&args.scenario, &sets)?;
+    if !args.ros_args.is_empty() {
+        sets.extend(ros_args::sets(&args.ros_args, &scenario)?);
+        scenario = load(&args.scenario, &sets)?;
+    }
+    let scenario = Arc::new(scenario);
     // Before there is a folder: an address that is taken, or a robot that is not there, leaves nothing behind.
     let server = server(args)?;
     let world = Arc::new(World::new(&scenario)?);

@@ -10,7 +10,7 @@ use super::serve::ServedRun;
 use super::view::{Phase, View, Watcher};
 use crate::log::messages::{Point, Pose, Vector3};
 use crate::policy::Goto;
-use crate::ros2::{Colour, DiagnosticStatus, KeyValue, Marker, Request, Voice};
+use crate::ros2::{Colour, DiagnosticStatus, KeyValue, Marker, Progress, Request, Voice};
 use crate::source::parse_goto;
 
 /// Time between two tellings.
@@ -33,7 +33,8 @@ pub fn beside<R>(voice: Voice, stage: &ServedRun<'_>, work: impl FnOnce() -> R) 
     let over = AtomicBool::new(false);
     std::thread::scope(|scope| {
         scope.spawn(|| {
-            let mut teller = Teller { voice, stage, said: Vec::new(), values: BTreeMap::new() };
+            let mut teller =
+                Teller { voice, stage, arrivals: stage.controls.arrivals(), said: Vec::new(), values: BTreeMap::new() };
             teller.go_on(&over);
         });
         // Also if the run panics: this scope ends with that thread.
@@ -45,6 +46,8 @@ pub fn beside<R>(voice: Voice, stage: &ServedRun<'_>, work: impl FnOnce() -> R) 
 struct Teller<'a> {
     voice: Voice,
     stage: &'a ServedRun<'a>,
+    /// How often the robot had been where somebody sent it when it was last sent.
+    arrivals: u64,
     /// Diagnostics that were told last.
     said: Vec<String>,
     /// For each task, what was found in each cell: the highest value of an action.
@@ -65,6 +68,10 @@ impl Teller<'_> {
                 while let Some(request) = self.voice.request() {
                     self.heed(request);
                 }
+                if matches!(self.voice.progress(), Progress::Going(_)) && self.stage.controls.arrivals() > self.arrivals
+                {
+                    self.voice.tell_progress(Progress::Arrived);
+                }
                 std::thread::sleep(LOOK);
             }
         }
@@ -73,7 +80,7 @@ impl Teller<'_> {
         }
     }
 
-    fn heed(&self, request: Request) {
+    fn heed(&mut self, request: Request) {
         let (controls, scenario) = (self.stage.controls, self.stage.scenario);
         let moved = |task: usize, at: [f64; 2]| {
             let wanted = goal_move(scenario, &self.stage.world.plan, task, at)?;
@@ -95,10 +102,14 @@ impl Teller<'_> {
             }
             Request::Goto(text) => parse_goto(&text, scenario).map(|goto| controls.send(goto)),
             Request::MoveGoal(task, at) => moved(task, at),
-            Request::GoalPose(at) => match scenario.tasks.iter().position(|task| task.needs_pose()) {
-                Some(task) => moved(task, at).map(|()| controls.send(Goto::Task(task))),
-                None => Err("no task has a goal by coordinates".to_owned()),
-            },
+            Request::GoalPose(at) => {
+                self.arrivals = controls.arrivals();
+                let task = scenario.tasks.iter().position(|task| task.needs_pose());
+                let task = task.ok_or_else(|| "no task has a goal by coordinates".to_owned());
+                let done = task.and_then(|task| moved(task, at).map(|()| controls.send(Goto::Task(task))));
+                self.voice.tell_progress(done.clone().map_or_else(Progress::Refused, |()| Progress::Going(None)));
+                done
+            }
         };
         if let Err(reason) = done {
             self.voice.say(true, &reason);
@@ -116,6 +127,9 @@ impl Teller<'_> {
         let told = self.said.last().and_then(|last| said.iter().rposition(|text| text == last)).map_or(0, |at| at + 1);
         said[told..].iter().for_each(|text| self.voice.say(false, text));
         self.said = said.to_vec();
+        if let (Progress::Going(_), pose) = (self.voice.progress(), view.pose) {
+            self.voice.tell_progress(Progress::Going(pose));
+        }
         self.tell_values(view);
     }
 

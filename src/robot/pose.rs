@@ -17,6 +17,12 @@ impl Pose {
         Pose { position, heading: wrap(heading) }
     }
 
+    /// A pose within this one's frame, seen from outside of it.
+    pub fn then(&self, inner: &Pose) -> Pose {
+        let position = self.position + UnitComplex::new(self.heading) * inner.position.coords;
+        Pose::new(position, self.heading + inner.heading)
+    }
+
     /// Unit vector of the heading.
     pub fn direction(&self) -> Vector2<f64> {
         UnitComplex::new(self.heading) * Vector2::x()

@@ -1,6 +1,6 @@
 //! What is on the network, before anything drives.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::io::Cursor;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -26,6 +26,9 @@ pub struct Heard {
     pub hz: Option<f64>,
     /// By how much its stamps are ahead of this machine's clock, the least delayed one, seconds.
     pub stamps_ahead_s: Option<f64>,
+    /// Of transforms, which frame is in which.
+    #[serde(skip_serializing_if = "BTreeSet::is_empty")]
+    pub frames: BTreeSet<String>,
     /// What was wrong with the first one that could not be used.
     pub unusable: Option<String>,
 }
@@ -58,6 +61,9 @@ pub struct Doctor {
     #[serde(skip)]
     pub picture: Option<Vec<u8>>,
 }
+
+/// Where transforms are.
+const TRANSFORMS: &str = "/tf";
 
 /// Takes note of messages as they come.
 #[derive(Clone, Default)]
@@ -127,6 +133,7 @@ impl Doctor {
         let names = [&settings.camera, &settings.odometry, &settings.scan];
         let mut wanted: Vec<String> =
             names.into_iter().filter(|name| !name.is_empty()).map(|name| settings.topic(name)).collect();
+        wanted.push(TRANSFORMS.to_owned());
         while Instant::now() < until {
             let published = graph.published();
             let mut left = Vec::new();
@@ -188,7 +195,12 @@ impl Doctor {
             (
                 "pose",
                 &settings.pose,
-                &[msg::PoseStamped::TYPE, foreign::PoseWithCovarianceStamped::TYPE, msg::Odometry::TYPE],
+                &[
+                    msg::PoseStamped::TYPE,
+                    foreign::PoseWithCovarianceStamped::TYPE,
+                    msg::Odometry::TYPE,
+                    foreign::TfMessage::TYPE,
+                ],
             ),
         ];
         for (key, name, kinds) in topics.into_iter().filter(|(_, name, _)| !name.is_empty()) {
@@ -283,6 +295,9 @@ impl fmt::Display for Doctor {
             let hz = heard.hz.map_or(String::new(), |hz| format!(", {hz:.1} a second"));
             let ahead = heard.stamps_ahead_s.map_or(String::new(), |ahead| format!(", stamps {ahead:+.3} s"));
             writeln!(f, "  {topic}: {} messages{hz}{ahead}", heard.messages)?;
+            if !heard.frames.is_empty() {
+                writeln!(f, "    {}", heard.frames.iter().map(String::as_str).collect::<Vec<_>>().join(", "))?;
+            }
         }
         writeln!(f)?;
         for finding in &self.findings {
@@ -307,6 +322,15 @@ fn listen_to(graph: &mut Graph, end: &End, of: &Ear) -> Result<Option<super::lis
         ear(graph.subscribe(topic, kind, sensor_qos())?, take, of.refuse())
     } else if kind == msg::LaserScan::TYPE {
         let take = move |scan: msg::LaserScan| note.hear(&scan.header);
+        ear(graph.subscribe(topic, kind, sensor_qos())?, take, of.refuse())
+    } else if kind == foreign::TfMessage::TYPE {
+        let take = move |message: foreign::TfMessage| {
+            for transform in &message.transforms {
+                note.hear(&transform.header);
+                let (frame, outer) = (&transform.child_frame_id, &transform.header.frame_id);
+                note.lock().heard.frames.insert(format!("{frame} in {outer}"));
+            }
+        };
         ear(graph.subscribe(topic, kind, sensor_qos())?, take, of.refuse())
     } else {
         return Ok(None);

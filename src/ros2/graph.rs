@@ -3,10 +3,12 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use ros2_client::qos::{History, WhenFull};
+use ros2_client::action::{ActionServer, ActionServerQosPolicies};
+use ros2_client::qos::{Durability, History, WhenFull};
 use ros2_client::ros2::LogLevel;
 use ros2_client::{
-    Context, ContextOptions, MessageTypeName, Name, Node, NodeName, NodeOptions, Publisher, QosProfile, Subscription,
+    ActionTypeName, Context, ContextOptions, Message, MessageTypeName, Name, Node, NodeName, NodeOptions, Publisher,
+    QosProfile, ServiceMapping, Subscription,
 };
 use serde::Serialize;
 use thiserror::Error;
@@ -221,6 +223,32 @@ impl Graph {
         let (name, kind) = names(topic, kind).map_err(failed)?;
         let handle = self.node.create_topic(&name, kind, &qos).map_err(|error| failed(error.to_string()))?;
         self.node.create_subscription(&handle, Some(qos)).map_err(|error| failed(error.to_string()))
+    }
+
+    /// Serve an action; a topic's namespace and name are its.
+    ///
+    /// # Errors
+    /// [`LinkError::Network`].
+    pub fn serve<G, R, F>(&mut self, topic: &str, kind: &ActionTypeName) -> Result<ActionServer<G, R, F>, LinkError>
+    where
+        G: Message + Clone + 'static,
+        R: Message + Clone + 'static,
+        F: Message + 'static,
+    {
+        let failed = |cause: String| LinkError::Network { domain: self.context.domain_id(), cause };
+        let name = Name::parse(topic).map_err(|error| failed(format!("{topic:?} is no name: {error:?}")))?;
+        // As ROS's own servers have it: what was asked or told before a client came is not for it, but for the status.
+        let qos =
+            QosProfile::publisher_default().durability(Durability::Volatile).history(History::KeepLast { depth: 10 });
+        let qos = ActionServerQosPolicies {
+            goal_service: qos.clone(),
+            result_service: qos.clone(),
+            cancel_service: qos.clone(),
+            feedback_publisher: qos.clone(),
+            status_publisher: qos.durability(Durability::TransientLocal),
+        };
+        let server = self.node.create_action_server(ServiceMapping::Enhanced, &name, kind, qos);
+        server.map_err(|error| failed(error.to_string()))
     }
 
     /// Publish on a topic, reliably, the newest message alone.

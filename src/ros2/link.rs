@@ -10,8 +10,10 @@ use crossbeam_channel::{Receiver, Sender, TrySendError, bounded, select, unbound
 use nalgebra::Point2;
 use ros2_client::Publisher;
 
+use super::frames::Frames;
 use super::graph::{Graph, LOOK_INTERVAL, LinkError, reliable_qos, sensor_qos};
 use super::listen::{Ear, ear, listen};
+use super::pace::Pace;
 use super::voice::Voice;
 use super::watchdog::Watchdog;
 use crate::log::Message;
@@ -25,6 +27,9 @@ use crate::vision::Image;
 
 /// Images that wait for the loop of control; then the oldest is dropped.
 const MOST_IMAGES: usize = 5;
+
+/// A simulator's time.
+const CLOCK: &str = "/clock";
 
 /// Zeros that are said at the end.
 const LAST_ZEROS: usize = 5;
@@ -61,9 +66,9 @@ impl RobotTime {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some((stamp_ns, Instant::now()));
     }
 
-    fn now(&self, speed: f64) -> u64 {
+    fn now(&self, pace: &Pace) -> u64 {
         match *self.0.lock().unwrap_or_else(PoisonError::into_inner) {
-            Some((stamp_ns, at)) => stamp_ns + at.elapsed().mul_f64(speed).as_nanos() as u64,
+            Some((stamp_ns, at)) => stamp_ns + pace.of(at.elapsed()).as_nanos() as u64,
             None => system_ns(),
         }
     }
@@ -91,8 +96,7 @@ impl Losses {
 /// What the threads that listen share.
 #[derive(Clone)]
 struct Shared {
-    begun: Instant,
-    speed: f64,
+    pace: Arc<Pace>,
     time: Arc<RobotTime>,
     small: Sender<Received>,
     images: Sender<Received>,
@@ -105,9 +109,9 @@ struct Shared {
 
 impl Shared {
     fn received(&self, stamp_ns: u64, reading: Reading) -> Received {
-        let at = self.begun.elapsed().mul_f64(self.speed);
+        let at = self.pace.now();
         // Without a stamp it was now.
-        let stamp_ns = if stamp_ns == 0 { self.time.now(self.speed) } else { stamp_ns };
+        let stamp_ns = if stamp_ns == 0 { self.time.now(&self.pace) } else { stamp_ns };
         Received { at, stamp_ns, reading }
     }
 
@@ -171,8 +175,7 @@ impl Link {
         let (small_in, small) = unbounded();
         let (images_in, images) = bounded(MOST_IMAGES);
         let shared = Shared {
-            begun: Instant::now(),
-            speed: settings.speed,
+            pace: Arc::new(Pace::new()),
             time: Arc::default(),
             small: small_in,
             images: images_in,
@@ -184,6 +187,16 @@ impl Link {
         let kind = graph.wait_for("camera", &camera, &[msg::Image::TYPE, foreign::CompressedImage::TYPE], until)?;
         let eye = eye(&mut graph, scenario, &camera, &kind, &shared)?;
         let mut ears = vec![odometry(&mut graph, &settings.topic(&settings.odometry), &shared, until)?];
+        if settings.use_sim_time {
+            graph.wait_for("use_sim_time", CLOCK, &[foreign::Clock::TYPE], until)?;
+            let (subscription, pace) =
+                (graph.subscribe::<foreign::Clock>(CLOCK, foreign::Clock::TYPE, sensor_qos())?, shared.pace.clone());
+            ears.push(ear(
+                subscription,
+                move |said: foreign::Clock| pace.hear(said.clock.stamp_ns()),
+                shared.count_broken(CLOCK),
+            ));
+        }
         let command = settings.topic(&settings.command);
         let stamped = is_stamped(&graph, settings.command_type, &command, settings.wait_seconds, until)?;
         ears.extend(switches(&mut graph, scenario, &shared, stamped, until)?);
@@ -206,8 +219,8 @@ impl Link {
         };
         let (own, of_watchdog) = (commands()?, commands()?);
         let failed = |cause: std::io::Error| LinkError::Network { domain, cause: cause.to_string() };
-        let (time, speed) = (shared.time.clone(), settings.speed);
-        let watchdog = Watchdog::start(move || of_watchdog.say(Velocity::ZERO, time.now(speed))).map_err(failed)?;
+        let (time, pace) = (shared.time.clone(), shared.pace.clone());
+        let watchdog = Watchdog::start(move || of_watchdog.say(Velocity::ZERO, time.now(&pace))).map_err(failed)?;
         let over = Arc::new(AtomicBool::new(false));
         let threads =
             vec![listen("images", vec![eye], &over).map_err(failed)?, listen("sensors", ears, &over).map_err(failed)?];
@@ -218,7 +231,12 @@ impl Link {
             lock: present(&settings.lock),
         };
         let link = Link { shared, small, images, commands: own, watchdog, over, threads, equipment, warnings, graph };
-        link.wait_for_image(&camera, until + Duration::from_secs_f64(settings.wait_seconds))?;
+        let until = until + Duration::from_secs_f64(settings.wait_seconds);
+        link.wait_for_image(&camera, until)?;
+        while settings.use_sim_time && !link.shared.pace.is_known() && Instant::now() < until {
+            link.watchdog.beat();
+            std::thread::sleep(LOOK_INTERVAL);
+        }
         Ok(link)
     }
 
@@ -232,8 +250,8 @@ impl Link {
     /// # Errors
     /// [`LinkError::Network`].
     pub fn voice(&self, scenario: &Arc<Scenario>) -> Result<Voice, LinkError> {
-        let (time, speed) = (self.shared.time.clone(), self.shared.speed);
-        Voice::open(self.graph.beside("run")?, scenario, self.shared.losses.clone(), move || time.now(speed))
+        let (time, pace) = (self.shared.time.clone(), self.shared.pace.clone());
+        Voice::open(self.graph.beside("run")?, scenario, self.shared.losses.clone(), move || time.now(&pace))
     }
 
     fn wait_for_image(&self, camera: &str, until: Instant) -> Result<(), LinkError> {
@@ -256,13 +274,13 @@ impl Link {
 
 impl Base for Link {
     fn now(&self) -> Duration {
-        self.shared.begun.elapsed().mul_f64(self.shared.speed)
+        self.shared.pace.now()
     }
 
     fn receive(&mut self, until: Duration, take: &mut dyn FnMut(Received)) {
         self.watchdog.beat();
         loop {
-            let left = until.saturating_sub(self.now()).div_f64(self.shared.speed);
+            let left = self.shared.pace.real(until.saturating_sub(self.now()));
             select! {
                 recv(self.small) -> received => received.into_iter().for_each(&mut *take),
                 recv(self.images) -> received => received.into_iter().for_each(&mut *take),
@@ -276,7 +294,7 @@ impl Base for Link {
 
     fn command(&mut self, velocity: Velocity) {
         let velocity = if velocity.is_finite() { velocity } else { Velocity::ZERO };
-        self.commands.say(velocity, self.shared.time.now(self.shared.speed));
+        self.commands.say(velocity, self.shared.time.now(&self.shared.pace));
         self.watchdog.beat();
     }
 }
@@ -444,7 +462,12 @@ fn switches(
 }
 
 fn true_pose(graph: &mut Graph, topic: &str, shared: &Shared, until: Instant) -> Result<Ear, LinkError> {
-    let kinds = [msg::PoseStamped::TYPE, foreign::PoseWithCovarianceStamped::TYPE, msg::Odometry::TYPE];
+    let kinds = [
+        msg::PoseStamped::TYPE,
+        foreign::PoseWithCovarianceStamped::TYPE,
+        msg::Odometry::TYPE,
+        foreign::TfMessage::TYPE,
+    ];
     let kind = graph.wait_for("pose", topic, &kinds, until)?;
     let of = shared.clone();
     let put = move |header: &msg::Header, pose: &msg::Pose| of.put(header.stamp_ns(), Reading::Pose(planar(pose)));
@@ -455,6 +478,18 @@ fn true_pose(graph: &mut Graph, topic: &str, shared: &Shared, until: Instant) ->
     } else if kind == msg::Odometry::TYPE {
         let subscription = graph.subscribe::<msg::Odometry>(topic, &kind, sensor_qos())?;
         ear(subscription, move |of| put(&of.header, &of.pose.pose), broken)
+    } else if kind == foreign::TfMessage::TYPE {
+        // Transforms are published reliably, and those of a slow localisation seldom.
+        let subscription = graph.subscribe::<foreign::TfMessage>(topic, &kind, reliable_qos())?;
+        let (mut frames, of) = (Frames::default(), shared.clone());
+        let take = move |message: foreign::TfMessage| {
+            for transform in &message.transforms {
+                if let Some((stamp_ns, pose)) = frames.hear(transform) {
+                    of.put(stamp_ns, Reading::Pose(pose));
+                }
+            }
+        };
+        ear(subscription, take, broken)
     } else {
         let subscription = graph.subscribe::<foreign::PoseWithCovarianceStamped>(topic, &kind, sensor_qos())?;
         ear(subscription, move |of| put(&of.header, &of.pose.pose), broken)

@@ -5,9 +5,12 @@
 //! says zero when that loop hangs. [`Voice`] publishes how the run is doing, and hears what is asked of it. [`Doctor`] says what is on the network before anything drives.
 
 mod doctor;
+mod frames;
 mod graph;
 mod link;
 mod listen;
+mod navigate;
+mod pace;
 mod said;
 mod voice;
 mod watchdog;
@@ -15,5 +18,6 @@ mod watchdog;
 pub use doctor::{Doctor, Finding};
 pub use graph::{Graph, LinkError};
 pub use link::Link;
+pub use navigate::Progress;
 pub use said::{Colour, DiagnosticStatus, KeyValue, Marker};
 pub use voice::{Request, Voice};

@@ -12,6 +12,7 @@ use serde::de::DeserializeOwned;
 use super::graph::{Graph, LinkError, reliable_qos};
 use super::link::Losses;
 use super::listen::{Ear, ear, listen};
+use super::navigate::{Errand, Progress, navigate};
 use super::said::{
     DiagnosticArray, DiagnosticStatus, KeyValue, MapMetaData, Marker, MarkerArray, MessagesLostEvent,
     MessagesLostEventTopicStat, OccupancyGrid,
@@ -51,6 +52,7 @@ pub struct Voice {
     values: BTreeMap<String, Publisher<OccupancyGrid>>,
     lost: Publisher<MessagesLostEvent>,
     losses: Losses,
+    errand: Errand,
     /// Losses that were told.
     told: BTreeMap<String, u64>,
     requests: Receiver<Request>,
@@ -68,7 +70,9 @@ impl Voice {
     ) -> Result<Self, LinkError> {
         let settings = scenario.ros2.clone().expect("a scenario with robot.body = \"ros2\" has [ros2]");
         let (asked, requests) = unbounded();
-        let ears = ears(&mut graph, scenario, &settings, &asked)?;
+        let mut ears = ears(&mut graph, scenario, &settings, &asked)?;
+        let errand = Errand::default();
+        ears.push(navigate(&mut graph, &settings.topic("navigate_to_pose"), asked, errand.clone())?);
         let mut values = BTreeMap::new();
         for task in scenario.tasks.iter().filter(|task| is_name(&task.name)) {
             let topic = settings.topic(&format!("adagio/value/{}", task.name));
@@ -89,6 +93,7 @@ impl Voice {
             graph,
             values,
             losses,
+            errand,
             requests,
             over,
             thread,
@@ -98,6 +103,16 @@ impl Voice {
     /// The next thing that was asked, and not taken yet.
     pub fn request(&self) -> Option<Request> {
         self.requests.try_recv().ok()
+    }
+
+    /// How far the robot is with the place that was asked for last.
+    pub fn progress(&self) -> Progress {
+        self.errand.now()
+    }
+
+    /// It is so far now.
+    pub fn tell_progress(&self, progress: Progress) {
+        self.errand.set(progress);
     }
 
     /// A line of diagnostics, on `/rosout`.

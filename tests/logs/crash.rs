@@ -292,6 +292,36 @@ fn a_run_that_is_killed_again_and_again_goes_on_each_time() {
     });
 }
 
+/// It has readings on their way and an action half done: it goes on from its state, or repeats what it did from the start.
+#[test]
+fn a_robot_with_a_mass_goes_on_to_the_end_that_it_would_have_had() {
+    const SETS: [&str; 3] = ["log.flush_seconds=0.02", "robot.body=dynamic", "actions=300"];
+    in_folder(|folder| {
+        let begin = Instant::now();
+        end_of(start(folder, &arguments("whole", &SETS)), "whole");
+        let whole = begin.elapsed();
+        let (digest, frames) =
+            (report(&folder.join("whole"))["digest"].clone(), recorded(&folder.join("whole"), "whole").0);
+        let (mut rng, mut ended_early) = (generator(seed() + 5), 0);
+        for number in 0..6 {
+            let (name, what) = (format!("mass_{number}"), format!("robot with a mass {number}"));
+            let run = folder.join(&name);
+            let child = start(folder, &arguments(&name, &SETS));
+            wait_until("the first frames", || run.is_dir() && recorded(&run, &what).0 > 0);
+            std::thread::sleep(whole.mul_f64(rng.random_range(0.0..0.6)));
+            kill(&child, if number % 2 == 0 { "-INT" } else { "-KILL" });
+            end_of(child, &what);
+            ended_early += usize::from(recorded(&run, &what).0 < frames);
+            let output = end_of(start(folder, &resume_arguments(&name)), &what);
+            assert!(output.status.success(), "{what}: {}", stderr(&output));
+            assert_eq!((&report(&run)["digest"], recorded(&run, &what)), (&digest, (frames, frames)), "{what}");
+            let verified = adagio(folder, &["replay", &name, "--verify", "--quiet"]);
+            assert!(verified.status.success(), "{what}: {}{}", stdout(&verified), stderr(&verified));
+        }
+        assert!(ended_early >= 3, "{ended_early} of 6 were ended before their end");
+    });
+}
+
 #[test]
 fn at_most_one_flush_interval_is_lost() {
     in_folder(|folder| {

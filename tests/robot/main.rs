@@ -8,10 +8,16 @@ mod common;
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
+use std::sync::mpsc::{Receiver, channel};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use adagio::log::{LogReader, Record, messages};
+use ros2_client::action::ActionClientQosPolicies;
+use ros2_client::action_msgs::GoalStatusEnum;
+use ros2_client::qos::{Durability, History};
+use ros2_client::{ActionTypeName, Context, ContextOptions, Name, NodeName, NodeOptions, QosProfile, ServiceMapping};
+
 use common::{adagio, package_file, report, stderr, stdout};
 use serde_json::Value;
 
@@ -235,4 +241,117 @@ fn what_is_wrong_is_said_in_one_line_that_names_what_is_there() {
     assert!((25.0..35.0).contains(&camera["hz"].as_f64().unwrap()), "{camera}");
     let picture = image::open(folder.path().join("first.png")).unwrap();
     assert_eq!((picture.width(), picture.height()), (64, 48));
+}
+
+/// `nav2_msgs/action/NavigateToPose` as its clients have it.
+mod nav2 {
+    use adagio::log::messages::{PoseStamped, Time};
+    use ros2_client::Message;
+    use serde::{Deserialize, Serialize};
+
+    #[derive(Debug, Clone, Serialize, Deserialize)]
+    pub struct Goal {
+        pub pose: PoseStamped,
+        pub behavior_tree: String,
+    }
+    impl Message for Goal {}
+
+    #[derive(Debug, Clone, Serialize, Deserialize)]
+    pub struct Outcome {
+        pub error_code: u16,
+        pub error_msg: String,
+    }
+    impl Message for Outcome {}
+
+    #[derive(Debug, Clone, Serialize, Deserialize)]
+    pub struct Feedback {
+        pub current_pose: PoseStamped,
+        pub navigation_time: Time,
+        pub estimated_time_remaining: Time,
+        pub number_of_recoveries: i16,
+        pub distance_remaining: f32,
+    }
+    impl Message for Feedback {}
+}
+
+/// A client that sends the robot to places, one after the other: how each ended, and how often it heard how that went. On a
+/// thread of its own, which nobody waits for if it hangs.
+fn navigate(domain: u16, places: &'static [[f64; 2]]) -> Receiver<(GoalStatusEnum, String, usize)> {
+    let (told, heard) = channel();
+    std::thread::spawn(move || {
+        let context = Context::with_options(ContextOptions::new().domain_id(domain)).unwrap();
+        let mut node = context.new_node(NodeName::new("/", "client").unwrap(), NodeOptions::new()).unwrap();
+        let qos = QosProfile::publisher_default();
+        let qos = qos.durability(Durability::Volatile).history(History::KeepLast { depth: 10 });
+        let policies = ActionClientQosPolicies {
+            goal_service: qos.clone(),
+            result_service: qos.clone(),
+            cancel_service: qos.clone(),
+            feedback_subscription: qos.clone(),
+            status_subscription: qos,
+        };
+        let (name, kind) =
+            (Name::parse("/navigate_to_pose").unwrap(), ActionTypeName::new("nav2_msgs", "NavigateToPose"));
+        let client = node.create_action_client::<nav2::Goal, nav2::Outcome, nav2::Feedback>(
+            ServiceMapping::Enhanced,
+            &name,
+            &kind,
+            policies,
+        );
+        let client = client.unwrap();
+        for &[x, y] in places {
+            let mut pose = messages::PoseStamped { header: messages::Header::new(0, "map"), ..Default::default() };
+            (pose.pose.position.x, pose.pose.position.y, pose.pose.orientation.w) = (x, y, 1.0);
+            // What is asked before the run is there is lost: it is asked again.
+            let id = loop {
+                let goal = nav2::Goal { pose: pose.clone(), behavior_tree: String::new() };
+                let (request, id) = client.send_goal(goal).unwrap();
+                let (begun, mut answer) = (Instant::now(), None);
+                while answer.is_none() && begun.elapsed() < Duration::from_secs(2) {
+                    answer = client.receive_goal_response(request).unwrap();
+                    std::thread::sleep(Duration::from_millis(20));
+                }
+                if answer.is_some_and(|answer| answer.accepted) {
+                    break id;
+                }
+            };
+            let (request, mut feedback) = (client.request_result(id).unwrap(), 0);
+            let (status, outcome) = loop {
+                feedback += usize::from(client.receive_feedback(id).unwrap().is_some());
+                if let Some(ended) = client.receive_result(request).unwrap() {
+                    break ended;
+                }
+                std::thread::sleep(Duration::from_millis(50));
+            };
+            told.send((status, outcome.error_msg, feedback)).unwrap();
+        }
+    });
+    heard
+}
+
+/// There is no package of this action for rclpy without ROS: the client is of the same crate as the server.
+#[test]
+fn a_client_of_nav2_sends_it_somewhere_and_hears_how_that_goes() {
+    let (Some(python), _alone) = (python(), alone()) else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let _peer = Peer::start(&python, domain(5), &["--kinds", "twice", "--faults", "500", "--patience", "200"]);
+    let path = folder.path().to_owned();
+    // Goals so large that any policy arrives.
+    let sets = ["task.0.radius=1.6", "dictionary.sigma_frames=40", "agent.resolve_frames=40", "agent.latency_frames=5"];
+    let ran = std::thread::spawn(move || run(&path, domain(5), &sets));
+    let heard = navigate(domain(5), &[[99.0, 1.0], [1.0, 1.2], [3.0, 1.6]]);
+    let mut next = || heard.recv_timeout(Duration::from_secs(150)).expect("a result");
+    let (status, reason, _) = next();
+    assert_eq!(status, GoalStatusEnum::Aborted);
+    assert!(reason.contains("cannot be at (99, 1)"), "{reason}");
+    // It waits where it was sent, and goes on where it is sent again.
+    for _ in 0..2 {
+        let (status, reason, feedback) = next();
+        assert_eq!(status, GoalStatusEnum::Succeeded, "{reason}");
+        println!("it is there, after {feedback} words of how it goes");
+    }
+    let said = Peer::program(&python, "say.py", domain(5), &["/adagio/stop"]).end(30);
+    assert!(said.status.success(), "{}", stderr(&said));
+    let output = ran.join().unwrap();
+    assert!(output.status.success(), "{}", stderr(&output));
 }

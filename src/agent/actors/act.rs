@@ -350,7 +350,7 @@ impl ActLoop<'_> {
     /// The robot is where somebody has sent it: it waits there until it is to go on. A recording has nobody who could say so.
     fn wait_there(&self, stamp_ns: u64) {
         if let Some(controls) = self.controls {
-            controls.pause(true);
+            controls.arrive();
             self.pause(stamp_ns);
         }
     }

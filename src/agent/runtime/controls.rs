@@ -62,6 +62,9 @@ struct State {
     over: Duration,
     moves: VecDeque<GoalMove>,
     goto: Option<Goto>,
+    /// How often the robot has arrived where somebody had sent it, and whether it waits there.
+    arrivals: u64,
+    waits_there: bool,
     /// What is being marked, and until when.
     held: Option<(usize, Instant)>,
     /// What is to be marked by turns, and how many.
@@ -132,7 +135,26 @@ impl Controls {
     /// Send the robot somewhere; the last one counts. Whoever asks has checked that the task exists. Once it is there, the run
     /// is paused.
     pub fn send(&self, goto: Goto) {
-        self.lock().goto = Some(goto);
+        let mut state = self.lock();
+        state.goto = Some(goto);
+        if std::mem::take(&mut state.waits_there) {
+            drop(state);
+            self.pause(false);
+        }
+    }
+
+    /// How often the robot has arrived where somebody had sent it.
+    pub fn arrivals(&self) -> u64 {
+        self.lock().arrivals
+    }
+
+    /// For the run: the robot is where somebody has sent it, and waits there.
+    pub(in crate::agent) fn arrive(&self) {
+        {
+            let state = &mut self.lock();
+            (state.arrivals, state.waits_there) = (state.arrivals + 1, true);
+        }
+        self.pause(true);
     }
 
     /// Take where the robot is to go, for the run.
@@ -193,7 +215,7 @@ impl Controls {
             state = self.changed.wait_timeout(state, LOOK_INTERVAL).unwrap_or_else(PoisonError::into_inner).0;
         }
         let paused = begin.elapsed();
-        state.since = None;
+        (state.since, state.waits_there) = (None, false);
         state.over += paused;
         paused
     }

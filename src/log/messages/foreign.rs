@@ -60,6 +60,8 @@ messages! {
     std_msgs / UInt32 UInt32 { data: u32, } in;
     /// `std_msgs/msg/UInt64`.
     std_msgs / UInt64 UInt64 { data: u64, } in;
+    /// `rosgraph_msgs/msg/Clock`: a simulator's time.
+    rosgraph_msgs / Clock Clock { clock: Time, } in Time;
     /// `std_msgs/msg/Bool`.
     std_msgs / Bool Bool { data: bool, } in;
     /// `sensor_msgs/msg/BatteryState`, the first of its fields.

@@ -22,8 +22,8 @@ pub struct Ros2 {
     pub namespace: String,
     /// The DDS domain; `None`: that of `ROS_DOMAIN_ID`, or 0.
     pub domain: Option<u16>,
-    /// How many times faster than real time the robot's clock runs, in a simulator.
-    pub speed: f64,
+    /// Whether the robot's time goes as a simulator's `/clock` does.
+    pub use_sim_time: bool,
     /// Camera images.
     pub camera: String,
     /// Odometry.
@@ -60,6 +60,22 @@ impl Ros2 {
         }
     }
 
+    /// Its topics as they stand in the scenario, by key; empty: none.
+    pub fn topics(&self) -> [(&'static str, &str); 10] {
+        [
+            ("camera", &self.camera),
+            ("odometry", &self.odometry),
+            ("scan", &self.scan),
+            ("bumper", &self.bumper),
+            ("emergency_stop", &self.emergency_stop),
+            ("lock", &self.lock),
+            ("teleop", &self.teleop),
+            ("battery", &self.battery),
+            ("pose", &self.pose),
+            ("command", &self.command),
+        ]
+    }
+
     pub(super) fn read(s: &mut Section<'_, '_>) -> Self {
         Ros2 {
             node: s.text("node", "adagio", "name of our node"),
@@ -67,12 +83,10 @@ impl Ros2 {
             domain: s
                 .number_or_auto("domain", "", Range::within(0.0, 232.0), "DDS domain; auto: ROS_DOMAIN_ID, or 0")
                 .map(|domain| domain as u16),
-            speed: s.number(
-                "speed",
-                1.0,
-                "times real time",
-                Range::within(0.01, 1000.0),
-                "how fast the robot's clock runs: more than 1 in a simulator that hurries",
+            use_sim_time: s.flag(
+                "use_sim_time",
+                false,
+                "whether the robot's time goes as fast as a simulator's /clock; bounds of time are in its time then",
             ),
             camera: s.text("camera", "camera/image_raw", "sensor_msgs Image or CompressedImage"),
             odometry: s.text("odometry", "odom", "nav_msgs Odometry"),
@@ -85,7 +99,7 @@ impl Ros2 {
             pose: s.text(
                 "pose",
                 "",
-                "PoseStamped, PoseWithCovarianceStamped or Odometry: the true pose, for goals by coordinates and plots; \"\": none",
+                "PoseStamped, PoseWithCovarianceStamped, Odometry or TFMessage: the true pose, for goals by coordinates and plots; \"\": none",
             ),
             command: s.text("command", "cmd_vel", "velocities for the base"),
             command_type: s.choice(

@@ -19,7 +19,7 @@ mod senses;
 mod topics;
 
 pub use picture::{MOST_PIXELS, PictureError, compressed, crop, raw};
-pub use senses::pose_of;
+pub use senses::{ROBOT_FRAMES, pose_of};
 pub use topics::{ImportError, LogContents, Roles, Seen, stamp_ns};
 
 use std::collections::VecDeque;

@@ -22,7 +22,7 @@ const MOST_WAITING: usize = 4096;
 const MOST_AHEAD: usize = 1 << 16;
 
 /// The names that a robot's own coordinate frame has.
-const ROBOT_FRAMES: [&str; 2] = ["base_link", "base_footprint"];
+pub const ROBOT_FRAMES: [&str; 2] = ["base_link", "base_footprint"];
 
 /// An image with what else was known when it was taken.
 #[derive(Debug, Clone)]
