@@ -1,6 +1,5 @@
 //! A robot behind a ROS 2 network.
 
-use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
@@ -13,6 +12,7 @@ use ros2_client::Publisher;
 use super::frames::Frames;
 use super::graph::{Graph, LOOK_INTERVAL, LinkError, reliable_qos, sensor_qos};
 use super::listen::{Ear, ear, listen};
+use super::losses::Losses;
 use super::pace::Pace;
 use super::voice::Voice;
 use super::watchdog::Watchdog;
@@ -76,21 +76,6 @@ impl RobotTime {
 
 fn system_ns() -> u64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as u64)
-}
-
-/// Messages that came and were not taken in time, or could not be used, by topic.
-#[derive(Debug, Clone, Default)]
-pub struct Losses(Arc<Mutex<BTreeMap<String, u64>>>);
-
-impl Losses {
-    fn add(&self, topic: &str) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner).entry(topic.to_owned()).or_insert(0) += 1;
-    }
-
-    /// How many of which topics so far.
-    pub fn now(&self) -> BTreeMap<String, u64> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
-    }
 }
 
 /// What the threads that listen share.

@@ -1,7 +1,6 @@
 //! `nav2_msgs/action/NavigateToPose`: existing clients send the robot somewhere, and hear how that goes.
 
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use crossbeam_channel::Sender;
@@ -12,7 +11,7 @@ use tokio::time::timeout;
 
 use super::graph::{Graph, LinkError};
 use super::listen::Ear;
-use super::voice::Request;
+use super::request::{Errand, Progress, Request};
 use crate::log::messages::{Header, Pose, PoseStamped, Time};
 
 /// Time between two looks, and two tellings.
@@ -51,40 +50,6 @@ struct Feedback {
 }
 
 impl Message for Feedback {}
-
-/// How far the robot has come with what was asked last.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub enum Progress {
-    /// Nothing was asked, or nobody has looked at it yet.
-    #[default]
-    Waiting,
-    /// It is on its way; where it is, if that is known: metres, radians.
-    Going(Option<[f64; 3]>),
-    /// It is there.
-    Arrived,
-    /// It cannot be done, and why.
-    Refused(String),
-}
-
-/// What whoever drives tells whoever asked.
-#[derive(Debug, Clone, Default)]
-pub struct Errand(Arc<Mutex<Progress>>);
-
-impl Errand {
-    /// How far it is.
-    pub fn now(&self) -> Progress {
-        self.lock().clone()
-    }
-
-    /// It is so far now.
-    pub fn set(&self, progress: Progress) {
-        *self.lock() = progress;
-    }
-
-    fn lock(&self) -> MutexGuard<'_, Progress> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
 
 type Server = AsyncActionServer<Goal, Outcome, Feedback>;
 

@@ -10,9 +10,10 @@ use ros2_client::Publisher;
 use serde::de::DeserializeOwned;
 
 use super::graph::{Graph, LinkError, reliable_qos};
-use super::link::Losses;
 use super::listen::{Ear, ear, listen};
-use super::navigate::{Errand, Progress, navigate};
+use super::losses::Losses;
+use super::navigate::navigate;
+use super::request::{Errand, Progress, Request};
 use super::said::{
     DiagnosticArray, DiagnosticStatus, KeyValue, MapMetaData, Marker, MarkerArray, MessagesLostEvent,
     MessagesLostEventTopicStat, OccupancyGrid,
@@ -23,23 +24,6 @@ use crate::scenario::{Ros2, Scenario};
 
 /// The frame that places are in.
 const MAP: &str = "map";
-
-/// What the network asks of a run.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Request {
-    /// To stand still between two actions, or to go on.
-    Pause(bool),
-    /// To let the robot go on that is held after a stop, and to go on after a pause.
-    GoOn,
-    /// To end.
-    Stop,
-    /// To drive to the goal of a task, or nothing for wherever the schedule has it go.
-    Goto(String),
-    /// To move a goal: that of a task by its number.
-    MoveGoal(usize, [f64; 2]),
-    /// To drive to a place.
-    GoalPose([f64; 2]),
-}
 
 /// Publishers of a run, and requests to it.
 pub struct Voice {
