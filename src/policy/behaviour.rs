@@ -188,3 +188,40 @@ impl Persist for BehaviourSchedule {
         snapshot.check("tallies", known && self.last_task < tasks && self.tallies.len() == tasks, "other tasks")
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::stream;
+
+    #[test]
+    fn a_robot_that_is_sent_somewhere_goes_there_however_long_it_takes() {
+        let text = include_str!("../../scenarios/lab.toml");
+        let scenario = Scenario::parse(text, "lab.toml".as_ref(), &[]).unwrap();
+        let mut schedule = BehaviourSchedule::new(&scenario, stream(1, "legs"));
+        let (never, always) = (|_: usize| false, |_: usize| true);
+        // Without a policy for it, it explores; then it goes there, also when a pursuit has taken too long.
+        schedule.send(Goto::Task(1));
+        assert_eq!(schedule.next(0, &never, &never).0, Behaviour::Explore);
+        let mut ends = Vec::new();
+        for action in 1..200 {
+            let (leg, ended) = schedule.next(action, &never, &always);
+            assert_eq!(leg, Behaviour::Pursue(1), "action {action}");
+            ends.extend(ended);
+        }
+        assert!(!ends.is_empty() && ends.iter().all(|end| !end.arrived && !end.sent));
+        let (leg, ended) = schedule.next(200, &|task| task == 1, &always);
+        assert_eq!((leg, schedule.sent()), (Behaviour::Explore, None));
+        assert!(ended.is_some_and(|end| end.arrived && end.sent && end.task == 1));
+        // It is there already; and a pursuit of another goal is given up for it.
+        schedule.send(Goto::Task(1));
+        let (_, ended) = schedule.next(201, &|task| task == 1, &always);
+        assert_eq!(ended, Some(PursuitEnd { task: 1, arrived: true, actions: 0, sent: true }));
+        schedule.send(Goto::Task(0));
+        assert_eq!(schedule.next(202, &never, &always).0, Behaviour::Pursue(0));
+        schedule.send(Goto::Task(1));
+        assert_eq!(schedule.next(203, &never, &always), (Behaviour::Pursue(1), None));
+        schedule.send(Goto::Schedule);
+        assert_eq!(schedule.next(204, &never, &always).0, Behaviour::Explore);
+    }
+}

@@ -100,19 +100,21 @@ mod tests {
         }
         assert!(pace.is_known());
         assert_eq!(pace.lock().pace, 8.0);
-        let begun = pace.lock().time(at(1000));
+        let time = |ms: u64| pace.lock().time(at(ms));
+        let begun = time(1000);
         for step in 0..=100 {
             pace.hear_at(3_608_000_000_000 + 5_000_000 * step, at(1000 + 10 * step));
         }
         assert_eq!(pace.lock().pace, 0.5);
-        let passed = pace.lock().time(at(2000)) - begun;
+        let from = time(2000);
+        let passed = from - begun;
         // What was compared last began at the old pace.
         assert!((Duration::from_millis(500)..Duration::from_millis(2500)).contains(&passed), "{passed:?}");
         for step in 0..=200 {
             pace.hear_at(8_500_000_000 + if step < 100 { 5_000_000 * step } else { 500_000_000 }, at(2000 + 10 * step));
         }
         assert_eq!(pace.lock().pace, 0.5);
-        let passed = pace.lock().time(at(4000)) - pace.lock().time(at(2000));
+        let passed = time(4000) - from;
         assert_eq!(passed, Duration::from_secs(1));
     }
 }

@@ -53,7 +53,7 @@ try {
                 overflow: root.scrollWidth - root.clientWidth,
                 paper: getComputedStyle(document.body).backgroundColor,
                 where: document.getElementById('where').textContent,
-                smallest: Math.min(...[...document.querySelectorAll('button')].map((b) => b.getBoundingClientRect().height)),
+                smallest: Math.min(...[...document.querySelectorAll('button:not([hidden])')].map((b) => b.getBoundingClientRect().height)),
             };
         });
         if (screenshots) await page.screenshot({ path: `${screenshots}-${name}.png`, fullPage: true });

@@ -196,6 +196,10 @@ fn requests_are_checked_and_say_what_is_wrong() {
         let (status, answer) = run.post("/goal", &body);
         assert!(status == 400 && answer["error"].as_str().unwrap().contains(told), "{body}: {status} {answer}");
     }
+    let (status, answer) = run.post("/goto", &json!({"task": "nowhere"}));
+    assert!(status == 400 && answer["error"].as_str().unwrap().contains("there are centre, corner"), "{answer}");
+    assert_eq!(run.post("/goto", &json!({"task": "corner"})).0, 200);
+    assert_eq!(run.post("/goto", &json!({"task": ""})).0, 200, "wherever the schedule has it go");
     let long = run.post("/goal", &json!({"task": "x".repeat(2000), "x": 1.0, "y": 1.0}));
     assert_eq!(long.0, 413, "{}", long.1);
     run.post("/pause", &json!({}));
