@@ -1,4 +1,7 @@
-"""Publishes one std_msgs/Empty on a topic as soon as somebody listens: python say.py /adagio/stop"""
+"""Publishes std_msgs/Empty on a topic for some seconds from when somebody listens: python say.py /adagio/stop
+
+Once is not enough: who listens may not yet have found the publisher that has found it.
+"""
 
 import sys
 import time
@@ -14,5 +17,7 @@ while publisher.get_subscription_count() == 0:
     if time.monotonic() > until:
         sys.exit(f"nobody listens to {sys.argv[1]}")
     rclpy.spin_once(node, timeout_sec=0.05)
-publisher.publish(Empty())
-rclpy.spin_once(node, timeout_sec=1.0)
+until = time.monotonic() + 3
+while time.monotonic() < until:
+    publisher.publish(Empty())
+    rclpy.spin_once(node, timeout_sec=0.2)
