@@ -66,8 +66,7 @@ fn on_ros2(scenario: &Arc<Scenario>, switches: &Switches, next: u64) -> Result<L
         LinkError::Network { .. } => Ending::Failed(error.to_string()),
         _ => Ending::Usage(format!("{error}; adagio doctor ros2 SCENARIO says more")),
     };
-    let link = Link::open(scenario).map_err(failed)?;
-    let voice = link.voice(scenario).map_err(failed)?;
+    let (link, voice) = Link::open(scenario).map_err(failed)?;
     link.warnings.iter().for_each(|warning| eprintln!("warning: {warning}"));
     let equipment = link.equipment();
     let live = Live::new(scenario.clone(), motion, equipment, link, next).with_switches(switches.clone());

@@ -62,6 +62,7 @@ impl Teller<'_> {
                 eprintln!("warning: the ROS 2 network hears no more of the run: {error}");
                 break;
             }
+            self.voice.follow();
             self.tell(&watcher.view(Some(self.stage.controls)));
             let told = Instant::now();
             while told.elapsed() < TELL && !over.load(Ordering::Relaxed) {

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use serde::Serialize;
 
-use super::graph::{End, Graph, LinkError, sensor_qos};
+use super::graph::{Domain, End, Graph, LinkError, sensor_qos};
 use super::listen::{ear, listen};
 use crate::log::Message;
 use crate::log::messages::{self as msg, foreign};
@@ -123,7 +123,7 @@ impl Doctor {
     /// # Errors
     /// [`LinkError::Network`].
     pub fn listen(settings: &Ros2, seconds: f64) -> Result<Self, LinkError> {
-        let mut graph = Graph::join(settings)?;
+        let mut graph = Domain::join(settings)?.node("")?;
         let begun = Instant::now();
         let until = begun + Duration::from_secs_f64(seconds);
         let over = Arc::new(AtomicBool::new(false));

@@ -92,15 +92,15 @@ pub struct End {
     pub best_effort: Option<bool>,
 }
 
-/// The network, with our node in it.
-pub struct Graph {
+/// Our membership of a network.
+#[derive(Clone)]
+pub struct Domain {
     settings: Ros2,
     context: Context,
-    node: Node,
 }
 
-impl Graph {
-    /// Put our node on the network.
+impl Domain {
+    /// Join the network of a scenario.
     ///
     /// # Errors
     /// [`LinkError::Network`].
@@ -110,29 +110,39 @@ impl Graph {
         let failed = |cause: String| LinkError::Network { domain, cause };
         let context = Context::with_options(ContextOptions::new().domain_id(domain));
         let context = context.map_err(|error| failed(error.to_string()))?;
-        Graph::on(&context, settings.clone())
+        Ok(Domain { settings: settings.clone(), context })
     }
 
-    fn on(context: &Context, settings: Ros2) -> Result<Self, LinkError> {
-        let failed = |cause: String| LinkError::Network { domain: context.domain_id(), cause };
-        let namespace = settings.topic("").trim_end_matches('/').to_owned();
-        let namespace = if namespace.is_empty() { "/".to_owned() } else { namespace };
-        let name = NodeName::new(&namespace, &settings.node);
-        let name = name.map_err(|error| failed(format!("ros2.node or ros2.namespace: {error:?}")))?;
-        let options = NodeOptions::new().enable_rosout(true).start_parameter_services(false);
-        let node = context.new_node(name, options).map_err(|error| failed(error.to_string()))?;
-        Ok(Graph { settings, context: context.clone(), node })
+    /// Why something failed that has to do with it.
+    pub fn failed(&self, cause: &dyn std::fmt::Display) -> LinkError {
+        LinkError::Network { domain: self.context.domain_id(), cause: cause.to_string() }
     }
 
-    /// The same network, with one more node of ours.
+    /// Put a node of ours on it; its name has an ending.
     ///
     /// # Errors
     /// [`LinkError::Network`].
-    pub fn beside(&self, name: &str) -> Result<Self, LinkError> {
-        let settings = Ros2 { node: format!("{}_{name}", self.settings.node), ..self.settings.clone() };
-        Graph::on(&self.context, settings)
+    pub fn node(&self, ending: &str) -> Result<Graph, LinkError> {
+        let Domain { settings, context } = self.clone();
+        let failed = |cause: String| LinkError::Network { domain: context.domain_id(), cause };
+        let namespace = settings.topic("").trim_end_matches('/').to_owned();
+        let namespace = if namespace.is_empty() { "/".to_owned() } else { namespace };
+        let name = NodeName::new(&namespace, &format!("{}{ending}", settings.node));
+        let name = name.map_err(|error| failed(format!("ros2.node or ros2.namespace: {error:?}")))?;
+        let options = NodeOptions::new().enable_rosout(true).start_parameter_services(false);
+        let node = context.new_node(name, options).map_err(|error| failed(error.to_string()))?;
+        Ok(Graph { settings, context, node })
     }
+}
 
+/// The network, with a node of ours in it.
+pub struct Graph {
+    settings: Ros2,
+    context: Context,
+    node: Node,
+}
+
+impl Graph {
     /// A line for those who read the network's diagnostics.
     pub fn say(&self, warns: bool, text: &str) {
         let level = if warns { LogLevel::Warn } else { LogLevel::Info };

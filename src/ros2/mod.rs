@@ -14,8 +14,10 @@ mod navigate;
 mod pace;
 mod request;
 mod said;
+mod sensors;
 mod voice;
 mod watchdog;
+mod wire;
 
 pub use doctor::{Doctor, Finding};
 pub use graph::{Graph, LinkError};

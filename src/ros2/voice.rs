@@ -1,15 +1,16 @@
 //! What a run says to the network beside velocities, and what the network asks of it.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, PoisonError};
 use std::thread::JoinHandle;
 
 use crossbeam_channel::{Receiver, Sender, unbounded};
 use ros2_client::Publisher;
 use serde::de::DeserializeOwned;
 
-use super::graph::{Graph, LinkError, reliable_qos};
+use super::graph::{Domain, Graph, LinkError, reliable_qos};
+use super::link::{NewEnds, leave};
 use super::listen::{Ear, ear, listen};
 use super::losses::Losses;
 use super::navigate::navigate;
@@ -27,61 +28,95 @@ const MAP: &str = "map";
 
 /// Publishers of a run, and requests to it.
 pub struct Voice {
-    graph: Graph,
+    ends: Ends,
+    new_ends: NewEnds,
     now: Box<dyn Fn() -> u64 + Send>,
     name: String,
-    observation: Publisher<msg::Image>,
-    diagnostics: Publisher<DiagnosticArray>,
-    markers: Publisher<MarkerArray>,
-    values: BTreeMap<String, Publisher<OccupancyGrid>>,
-    lost: Publisher<MessagesLostEvent>,
     losses: Losses,
     errand: Errand,
     /// Losses that were told.
     told: BTreeMap<String, u64>,
     requests: Receiver<Request>,
+}
+
+/// What a voice has to have beside the network.
+#[derive(Clone)]
+pub struct Mind {
+    asked: Sender<Request>,
+    requests: Receiver<Request>,
+    errand: Errand,
+}
+
+impl Default for Mind {
+    fn default() -> Self {
+        let (asked, requests) = unbounded();
+        Mind { asked, requests, errand: Errand::default() }
+    }
+}
+
+/// Our ends of the topics, as long as the network carries them.
+pub struct Ends {
+    graph: Graph,
+    observation: Publisher<msg::Image>,
+    diagnostics: Publisher<DiagnosticArray>,
+    markers: Publisher<MarkerArray>,
+    values: BTreeMap<String, Publisher<OccupancyGrid>>,
+    lost: Publisher<MessagesLostEvent>,
     over: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
 
-impl Voice {
-    /// Publishers and requests on a node; `now` is the robot's time, nanoseconds since 1970.
-    pub(super) fn open(
-        mut graph: Graph,
-        scenario: &Arc<Scenario>,
-        losses: Losses,
-        now: impl Fn() -> u64 + Send + 'static,
-    ) -> Result<Self, LinkError> {
-        let settings = scenario.ros2.clone().expect("a scenario with robot.body = \"ros2\" has [ros2]");
-        let (asked, requests) = unbounded();
-        let mut ears = ears(&mut graph, scenario, &settings, &asked)?;
-        let errand = Errand::default();
-        ears.push(navigate(&mut graph, &settings.topic("navigate_to_pose"), asked, errand.clone())?);
+impl Ends {
+    /// Publishers and requests on a node of their own.
+    ///
+    /// # Errors
+    /// [`LinkError::Network`].
+    pub fn open(domain: &Domain, scenario: &Scenario, mind: &Mind) -> Result<Self, LinkError> {
+        let settings = scenario.ros2.as_ref().expect("a scenario with robot.body = \"ros2\" has [ros2]");
+        let mut graph = domain.node("_run")?;
+        let mut ears = ears(&mut graph, scenario, settings, &mind.asked)?;
+        ears.push(navigate(&mut graph, &settings.topic("navigate_to_pose"), mind.asked.clone(), mind.errand.clone())?);
         let mut values = BTreeMap::new();
         for task in scenario.tasks.iter().filter(|task| is_name(&task.name)) {
             let topic = settings.topic(&format!("adagio/value/{}", task.name));
             values.insert(task.name.clone(), graph.publish(&topic, OccupancyGrid::TYPE)?);
         }
         let over = Arc::new(AtomicBool::new(false));
-        let failed = |cause: std::io::Error| LinkError::Network { domain: graph.domain(), cause: cause.to_string() };
-        let thread = Some(listen("requests", ears, &over).map_err(failed)?);
-        Ok(Voice {
+        let thread = Some(listen("requests", ears, &over).map_err(|cause| domain.failed(&cause))?);
+        Ok(Ends {
             observation: graph.publish(&settings.topic("adagio/observation"), msg::Image::TYPE)?,
             // Where ROS's tools look for them.
             diagnostics: graph.publish("/diagnostics", DiagnosticArray::TYPE)?,
             markers: graph.publish(&settings.topic("adagio/markers"), MarkerArray::TYPE)?,
             lost: graph.publish(&settings.topic("events/rosbag2_messages_lost"), MessagesLostEvent::TYPE)?,
-            name: settings.topic(&settings.node),
-            now: Box::new(now),
-            told: BTreeMap::new(),
             graph,
             values,
-            losses,
-            errand,
-            requests,
             over,
             thread,
         })
+    }
+}
+
+impl Voice {
+    /// Some ends, and those that come in their place when the network was joined anew; `now` is the robot's time, nanoseconds since 1970.
+    pub(super) fn new(
+        ends: Ends,
+        new_ends: NewEnds,
+        name: String,
+        mind: Mind,
+        losses: Losses,
+        now: impl Fn() -> u64 + Send + 'static,
+    ) -> Self {
+        let Mind { requests, errand, .. } = mind;
+        Voice { ends, new_ends, now: Box::new(now), name, losses, errand, told: BTreeMap::new(), requests }
+    }
+
+    /// Where the network was joined anew, go on there.
+    pub fn follow(&mut self) {
+        let new = self.new_ends.lock().unwrap_or_else(PoisonError::into_inner).take();
+        if let Some(new) = new {
+            leave(std::mem::replace(&mut self.ends, new));
+        }
     }
 
     /// The next thing that was asked, and not taken yet.
@@ -101,7 +136,7 @@ impl Voice {
 
     /// A line of diagnostics, on `/rosout`.
     pub fn say(&self, warns: bool, text: &str) {
-        self.graph.say(warns, text);
+        self.ends.graph.say(warns, text);
     }
 
     /// What is learned from: RGB, row by row.
@@ -111,7 +146,15 @@ impl Voice {
         let encoding = "rgb8".to_owned();
         let data = rgb.to_vec();
         // What nobody listens to, or takes in time, comes again.
-        drop(self.observation.publish(msg::Image { header, height, width, encoding, is_bigendian: 0, step, data }));
+        drop(self.ends.observation.publish(msg::Image {
+            header,
+            height,
+            width,
+            encoding,
+            is_bigendian: 0,
+            step,
+            data,
+        }));
     }
 
     /// How parts of the run are doing: their names follow that of our node.
@@ -128,7 +171,7 @@ impl Voice {
             hardware_id: String::new(),
             values,
         });
-        drop(self.diagnostics.publish(DiagnosticArray { header: msg::Header::new((self.now)(), ""), status }));
+        drop(self.ends.diagnostics.publish(DiagnosticArray { header: msg::Header::new((self.now)(), ""), status }));
     }
 
     /// Messages that were lost since this was last asked, if there are any.
@@ -142,7 +185,7 @@ impl Voice {
         };
         let messages_lost_statistics: Vec<_> = new.filter(|&(_, count)| count > 0).map(of).collect();
         if !messages_lost_statistics.is_empty() {
-            drop(self.lost.publish(MessagesLostEvent { node_name: self.name.clone(), messages_lost_statistics }));
+            drop(self.ends.lost.publish(MessagesLostEvent { node_name: self.name.clone(), messages_lost_statistics }));
             self.told = now;
         }
     }
@@ -153,12 +196,12 @@ impl Voice {
         for (id, marker) in markers.iter_mut().enumerate() {
             (marker.header, marker.id) = (header.clone(), id as i32);
         }
-        drop(self.markers.publish(MarkerArray { markers }));
+        drop(self.ends.markers.publish(MarkerArray { markers }));
     }
 
     /// What places are worth to a task, from 0 to 100, −1 where that is not known: rows of `width` cells from the lowest corner.
     pub fn values(&self, task: &str, low: [f64; 2], cell: f64, width: usize, data: Vec<i8>) {
-        let Some(publisher) = self.values.get(task) else { return };
+        let Some(publisher) = self.ends.values.get(task) else { return };
         let header = msg::Header::new((self.now)(), MAP);
         let mut origin = msg::Pose::default();
         (origin.position.x, origin.position.y, origin.orientation.w) = (low[0], low[1], 1.0);
@@ -173,7 +216,7 @@ impl Voice {
     }
 }
 
-impl Drop for Voice {
+impl Drop for Ends {
     fn drop(&mut self) {
         self.over.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {

@@ -3,7 +3,7 @@
     python bridge.py --speed 4 --seconds 60 --record commands.jsonl
 
 Publishes /camera/image_raw, /odom, /pose (the simulator's own, frame map), /clock and with --scan also /scan;
-takes /cmd_vel and stops 0.5 simulated seconds after the last one. Prints one line of JSON at the end.
+takes /cmd_vel and stops 0.5 simulated seconds after the last one, and /set_pose. Prints one line of JSON at the end.
 """
 
 import argparse
@@ -107,7 +107,7 @@ def main():
             link.scan_publisher.publish(link.scan())
         if link.now * options.rate >= images:
             images = int(link.now * options.rate) + 1
-            link.image_publisher.publish(link.image(world.picture(robot.x, robot.y, robot.heading)))
+            link.publish_image(link.image(world.picture(robot.x, robot.y, robot.heading)))
     stop_ros(link)
 
 

@@ -7,13 +7,24 @@ The first fault begins when the robot has been driven for 2 s; later ones also w
 Prints one line of JSON for each fault, with times in seconds of CLOCK_MONOTONIC, and exits with 1
 unless all were played and are ok. A driver that stays stopped after an emergency stop is "not driven" from then on:
 give it estop in a run of its own.
+
+With --driver, the last argument, it starts the driver itself, and the driver can be what fails:
+
+    python faulty.py --kinds agent_stop,agent_kill --driver adagio run scenarios/ros2.toml --out RUN
+
+disk_full fills the file system of RUN, which must be a small one of its own; network takes down the device that is
+named with --network, which must lead to the driver.
 """
 
 import argparse
 import json
 import math
+import os
+import signal
+import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 from std_msgs.msg import Bool
@@ -22,8 +33,9 @@ from robot import Link, Robot, Room, common_options, room_options, seconds, star
 
 # What each kind does, and how the driver must answer it: stand within the freshness bound, after a second of motion, or
 # within the bound of the emergency stop, for as long as the fault lasts; stop within the freshness bound, and go on as it
-# likes, since its sensors are good (MOMENT); or go on driving (None).
-FRESHNESS, MOTION, EMERGENCY, MOMENT = "freshness", "motion", "emergency", "moment"
+# likes, since its sensors are good (MOMENT); go on driving (None); say nothing, so that the robot stands by its own time-out
+# (SILENCE); or end with an error, after a zero (END).
+FRESHNESS, MOTION, EMERGENCY, MOMENT, SILENCE, END = "freshness", "motion", "emergency", "moment", "silence", "end"
 KINDS = {
     "camera_stop": (FRESHNESS, "no images"),
     "camera_freeze": (MOTION, "the same pixels with new stamps"),
@@ -38,11 +50,18 @@ KINDS = {
     "estop": (EMERGENCY, "/emergency_stop is true"),
     "out_of_order": (None, "the first image of the fault is sent after the second"),
     "twice": (None, "each image and each odometry is sent twice"),
+    "network": (SILENCE, "10 s without a network"),
+    "agent_stop": (SILENCE, "the driver's process is stopped"),
+    "agent_kill": (SILENCE, "the driver's process is killed, and resumed afterwards"),
+    "disk_full": (END, "the driver's log cannot grow; there is room again, and the run is resumed, when it has ended"),
 }
-DEFAULT_KINDS = [kind for kind in KINDS if kind != "scan_stop"]
+DRIVER_KINDS = ["agent_stop", "agent_kill", "disk_full"]
+DEFAULT_KINDS = [kind for kind in KINDS if kind not in ("scan_stop", "network", *DRIVER_KINDS)]
 NORMAL = 2.0  # s between faults
 LATE = {"camera_late": 0.5, "camera_slightly_late": 0.1}  # s
 MOTION_BOUND = 1.0  # s of motion with frozen pixels
+STAND_BOUND = 1.3  # s: the base's own time-out, and the time to brake
+END_BOUND = 30.0  # s until a driver whose disk is full has ended
 EMERGENCY_BOUND = 0.1  # s
 COLOURS = np.array([[200, 60, 50], [70, 170, 60], [50, 90, 200], [210, 180, 50]])  # of the walls, in Room's order
 
@@ -68,6 +87,53 @@ class Camera:
         return pixels
 
 
+class Driver:
+    """The program that drives the robot, in a process of its own."""
+
+    def __init__(self, command):
+        self.program, self.run = command[0], command[command.index("--out") + 1] if "--out" in command else None
+        self.process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+        self.filler = None
+
+    def signal(self, number):
+        self.process.send_signal(number)
+
+    def resume(self):
+        self.process.wait()
+        self.process = subprocess.Popen([self.program, "resume", self.run], stdout=subprocess.DEVNULL)
+
+    def ended(self):
+        return self.process.poll() is not None
+
+    def fill_disk(self):
+        self.filler = Path(self.run).parent / "filler"
+        with open(self.filler, "wb", buffering=0) as filler:
+            for size in (1 << 20, 1 << 12):
+                try:
+                    while filler.write(bytes(size)):
+                        pass
+                except OSError:
+                    pass
+
+    def begin(self, kind):
+        {"agent_stop": lambda: self.signal(signal.SIGSTOP), "agent_kill": lambda: self.signal(signal.SIGKILL),
+         "disk_full": self.fill_disk}[kind]()
+
+    def end(self, kind):
+        if self.filler:
+            self.filler.unlink()
+            self.filler = None
+        if kind == "agent_stop":
+            self.signal(signal.SIGCONT)
+        else:
+            self.resume()
+
+    def close(self):
+        """Ends it as Ctrl-C would; its exit code."""
+        self.signal(signal.SIGINT)
+        return self.process.wait(60)
+
+
 class Fault:
     """One fault: what happens, for how long, and when the driver must have stopped."""
 
@@ -78,19 +144,23 @@ class Fault:
         self.duration = rng.uniform(0.5, 2.0)
         if self.answer == MOTION:
             self.duration += MOTION_BOUND  # else it could end before anyone has to notice it
+        elif self.answer == SILENCE:
+            self.duration = 10.0 if kind == "network" else self.duration + STAND_BOUND
+        elif self.answer == END:
+            self.duration = END_BOUND  # or until it has ended
         self.jump = float(rng.choice((-10.0, 10.0)))  # s, of stamp_jump
         self.begin = self.due = self.end = None  # steady times
-        self.images, self.moved, self.kept = 0, 0.0, None
+        self.images, self.moved, self.stands, self.kept = 0, 0.0, False, None
 
 
 class Judge:
     """Plays the faults one after the other and judges the commands that were received meanwhile."""
 
-    def __init__(self, options, robot):
+    def __init__(self, options, robot, driver):
         rng = np.random.default_rng(options.seed)
         kinds = [options.kinds[i % len(options.kinds)] for i in range(options.faults)]
         self.plan = [Fault(kind, rng) for kind in rng.permutation(kinds).tolist()]
-        self.options, self.robot = options, robot
+        self.options, self.robot, self.driver = options, robot, driver
         self.commands = []  # (steady receive time, whether it is zero), appended by the thread that receives
         self.fault = None  # the one that happens now
         self.all_ok, self.over = True, False
@@ -103,6 +173,9 @@ class Judge:
 
     def play(self):
         """Goes through the plan; call next() once a step."""
+        while not self.plan:
+            self.over = True  # whenever it is ended
+            yield
         for number, fault in enumerate(self.plan):
             patient_until = time.monotonic() + self.options.patience
             while not self.driven():
@@ -114,20 +187,35 @@ class Judge:
             while time.monotonic() < normal_until:
                 yield
             fault.begin = time.monotonic()
-            bounds = {MOTION: MOTION_BOUND, EMERGENCY: EMERGENCY_BOUND}
+            bounds = {MOTION: MOTION_BOUND, EMERGENCY: EMERGENCY_BOUND, SILENCE: self.options.margin, END: END_BOUND}
             bound = bounds.get(fault.answer, self.options.freshness + self.options.margin)
             fault.due = math.inf if fault.answer == MOTION else fault.begin + bound
             self.fault = fault
+            self.change(fault.kind, begins=True)
             while time.monotonic() < fault.begin + fault.duration:
-                fault.moved += self.robot.STEP * (abs(self.robot.v) > 0.02 or abs(self.robot.w) > 0.05)
+                moves = abs(self.robot.v) > 0.02 or abs(self.robot.w) > 0.05
+                fault.moved += self.robot.STEP * moves
                 if fault.due == math.inf and fault.moved > MOTION_BOUND:
                     fault.due = time.monotonic() + self.options.margin
+                if fault.answer == END and self.driver.ended():
+                    break
                 yield
+            fault.stands = not moves
             self.fault, fault.end = None, time.monotonic()
-            while time.monotonic() < fault.end + NORMAL:
+            self.change(fault.kind, begins=False)
+            # Whoever was cut off needs a while.
+            until = fault.end + (self.options.patience if fault.answer in (SILENCE, END) else NORMAL)
+            while time.monotonic() < fault.end + NORMAL or (time.monotonic() < until and not self.driven()):
                 yield
             self.judge(fault, bound)
         self.over = True
+
+    def change(self, kind, begins):
+        """What is done to the driver or to the network when a fault begins or ends."""
+        if kind in DRIVER_KINDS:
+            (self.driver.begin if begins else self.driver.end)(kind)
+        elif kind == "network":
+            subprocess.run(["ip", "link", "set", self.options.network, "down" if begins else "up"], check=True)
 
     def judge(self, fault, bound):
         during = [(t, zero) for t, zero in self.commands if fault.begin <= t <= fault.end]
@@ -136,7 +224,8 @@ class Judge:
         resumed = any(not zero for t, zero in self.commands if t > fault.end)
         if fault.answer == MOMENT:
             late = int(not any(t <= fault.due for t in zeros))
-        ok = resumed and (late == 0 and bool(zeros) if fault.answer else late > 0)
+        told = fault.stands if fault.answer == SILENCE else bool(during) and during[-1][1] if fault.answer == END else bool(zeros)
+        ok = resumed and (late == 0 and told if fault.answer else late > 0)
         self.all_ok &= ok
         print(json.dumps({
             "kind": fault.kind, "stop_expected": fault.answer is not None, "begin": round(fault.begin, 3),
@@ -177,18 +266,18 @@ class FaultyLink(Link):
         if kind in LATE:
             self.late.append((self.steps + round(LATE[kind] / self.robot.STEP), message))
             return
-        self.image_publisher.publish(message)
+        self.publish_image(message)
         if kind == "twice":
-            self.image_publisher.publish(message)
+            self.publish_image(message)
         elif kind == "out_of_order" and fault.images == 2:
-            self.image_publisher.publish(fault.kept)
+            self.publish_image(fault.kept)
 
     def send_late_images(self):
         self.steps += 1
         if self.kind() not in LATE:
             self.late.clear()  # those that are still under way when the fault ends are lost
         while self.late and self.late[0][0] <= self.steps:
-            self.image_publisher.publish(self.late.pop(0)[1])
+            self.publish_image(self.late.pop(0)[1])
 
     def send_odometry(self, message):
         kind = self.kind()
@@ -212,18 +301,26 @@ def main():
     common_options(parser)
     parser.add_argument("--camera", type=int, nargs=2, default=(64, 48), metavar=("WIDTH", "HEIGHT"), help="pixels")
     parser.add_argument("--rate", type=float, default=30.0, help="images a second (default 30, at most 50)")
-    parser.add_argument("--faults", type=int, default=len(DEFAULT_KINDS), help="how many (default: each kind once)")
+    parser.add_argument("--faults", type=int, default=len(DEFAULT_KINDS), help="how many (default: each kind once; 0: drive until a signal)")
     parser.add_argument("--kinds", type=lambda text: text.split(","), default=DEFAULT_KINDS,
                         help="of " + ",".join(KINDS) + " (default: all but scan_stop)")
     parser.add_argument("--freshness", type=float, default=0.25, help="s without a fresh message allowed (0.25)")
     parser.add_argument("--margin", type=float, default=0.1, help="s allowed on top (0.1)")
     parser.add_argument("--patience", type=float, default=30.0, help="s to wait for the driver (30)")
+    parser.add_argument("--network", metavar="DEVICE", help="network device, of the kind network")
+    parser.add_argument("--die", action="store_true", help="at the end, be killed: nobody on the network is told")
+    parser.add_argument("--driver", nargs=argparse.REMAINDER, metavar="COMMAND", help="start it; the last argument")
     options = parser.parse_args()
     if unknown := set(options.kinds) - set(KINDS):
         parser.error(f"no such kind: {', '.join(sorted(unknown))}")
+    if set(options.kinds) & set(DRIVER_KINDS) and not (options.driver and "--out" in options.driver):
+        parser.error(f"{', '.join(DRIVER_KINDS)} need --driver with --out")
+    if "network" in options.kinds and not options.network:
+        parser.error("network needs --network")
     robot = Robot(Room(options.width, options.depth), options.seed)
     camera = Camera(*options.camera)
-    judge = Judge(options, robot)
+    driver = Driver(options.driver) if options.driver else None
+    judge = Judge(options, robot, driver)
     start_ros()
     link = FaultyLink(robot, judge, options)
     emergency, images, play = False, 0, judge.play()
@@ -247,8 +344,12 @@ def main():
         if link.now * options.rate >= images:
             images = int(link.now * options.rate) + 1
             link.send_image(link.image(camera.draw(robot)))
+    ended = driver.close() if driver else 0
+    if options.die:
+        sys.stdout.flush()
+        os.kill(os.getpid(), signal.SIGKILL)
     stop_ros(link)
-    sys.exit(0 if judge.over and judge.all_ok else 1)
+    sys.exit(0 if judge.over and judge.all_ok and ended == 0 else 1)
 
 
 if __name__ == "__main__":

@@ -77,6 +77,12 @@ class Robot:
         self.heading = math.remainder(self.heading + turn, math.tau)
         self.count(self.v * self.STEP, turn)
 
+    def put(self, x, y, heading):
+        """Carries it somewhere; its odometry begins anew there."""
+        self.x, self.y, self.heading = x, y, heading
+        self.v = self.w = 0.0
+        self.odom = [0.0, 0.0, 0.0]
+
     def accelerate(self, target_v, target_w):
         most_v, most_w = ACCELERATION * self.STEP, TURN_ACCELERATION * self.STEP
         self.v += float(np.clip(target_v - self.v, -most_v, most_v))
@@ -108,6 +114,8 @@ class Link(Node):
         self.scan_publisher = self.create_publisher(LaserScan, "/scan", qos_profile_sensor_data)
         self.stamped, self.on_command = stamped, on_command
         self.create_subscription(TwistStamped if stamped else Twist, "/cmd_vel", self.receive, 10)
+        self.create_subscription(PoseStamped, "/set_pose", self.receive_pose, 10)
+        self.put = None  # where it is to be carried in the next step: x, y, heading
         self.now = 0.0  # simulated seconds
         self.command = (0.0, 0.0)
         self.command_time = -math.inf
@@ -143,6 +151,10 @@ class Link(Node):
             self.command = (float(np.clip(v, -MAX_SPEED, MAX_SPEED)), float(np.clip(w, -MAX_TURN, MAX_TURN)))
             self.command_time = self.now
 
+    def receive_pose(self, message):
+        pose = message.pose
+        self.put = (pose.position.x, pose.position.y, 2 * math.atan2(pose.orientation.z, pose.orientation.w))
+
     def target(self):
         """The velocities to drive at now: those of the last command, or zero after COMMAND_TIMEOUT."""
         return self.command if self.now - self.command_time < COMMAND_TIMEOUT else (0.0, 0.0)
@@ -158,6 +170,12 @@ class Link(Node):
         self.stamp(message, "camera")
         message.data = array.array("B", pixels.tobytes())  # any other type is checked byte by byte, which is slow
         return message
+
+    def publish_image(self, message):
+        if self.record:
+            stamp = [message.header.stamp.sec, message.header.stamp.nanosec]
+            self.record.write(json.dumps({"steady": time.monotonic(), "image": stamp}) + "\n")
+        self.image_publisher.publish(message)
 
     def odometry(self):
         message = Odometry(child_frame_id="base_link")
@@ -211,6 +229,9 @@ def steps(link, speed, duration):
     while not link.ended.is_set() and (duration is None or step * link.robot.STEP < duration):
         step += 1
         link.now = step * link.robot.STEP
+        if link.put:
+            link.robot.put(*link.put)
+            link.put = None
         yield step
         due = max(due + link.robot.STEP / speed, time.monotonic() - 0.1)
         time.sleep(max(0.0, due - time.monotonic()))
@@ -238,5 +259,5 @@ def room_options(parser):
 
 def common_options(parser):
     parser.add_argument("--stamped", action="store_true", help="take /cmd_vel as TwistStamped (default: Twist)")
-    parser.add_argument("--record", metavar="FILE", help="write each command with receive time and true pose (JSONL)")
+    parser.add_argument("--record", metavar="FILE", help="write each image and command with its time and true pose (JSONL)")
     parser.add_argument("--seed", type=int, default=0)

@@ -168,7 +168,7 @@ impl Recorder {
         let header = |frame: &str| msg::Header::new(stamp_ns, frame);
         let (name, values) = match reading {
             // Marks are logged with their frames, and images as observations.
-            Reading::Image(_) | Reading::Mark(_) | Reading::Unusable(_) => return Ok(()),
+            Reading::Image(_) | Reading::Mark(_) | Reading::Note(_) => return Ok(()),
             Reading::Odometry { pose, velocity } => {
                 let odometry = msg::Odometry {
                     header: header("odom"),

@@ -76,8 +76,8 @@ pub enum Reading {
     },
     /// Somebody marks what the camera sees.
     Mark(Mark),
-    /// Something came that cannot be used, and why.
-    Unusable(String),
+    /// A word about the robot, to be logged: something came that cannot be used, for example.
+    Note(String),
 }
 
 /// Distances from the robot's centre, counter-clockwise.

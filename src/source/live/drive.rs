@@ -240,7 +240,7 @@ impl Drive {
     pub fn hear(&mut self, received: Received) {
         let Received { at, stamp_ns, ref reading } = received;
         let logged = match reading {
-            Reading::Image(_) | Reading::Unusable(_) => None,
+            Reading::Image(_) | Reading::Note(_) => None,
             _ => Some(received.clone()),
         };
         match received.reading {
@@ -261,7 +261,7 @@ impl Drive {
                 }
             }
             Reading::Mark(mark) => self.marks.push(mark),
-            Reading::Unusable(reason) => self.note(reason),
+            Reading::Note(text) => self.note(text),
         }
         self.events.extend(logged.map(Event::Heard));
     }

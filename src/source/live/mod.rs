@@ -67,8 +67,19 @@ impl<B: Base> Live<B> {
     /// One step of control.
     fn cycle(&mut self) {
         self.next = self.base.now().max(self.next) + self.period;
+        self.listen(self.next);
+        self.tick();
+    }
+
+    /// Take what comes in until a time.
+    fn listen(&mut self, until: Duration) {
         let drive = &mut self.drive;
-        self.base.receive(self.next, &mut |received| drive.hear(received));
+        self.base.receive(until, &mut |received| drive.hear(received));
+    }
+
+    /// Command the next velocity.
+    fn tick(&mut self) {
+        let drive = &mut self.drive;
         let safety = drive.safety();
         safety.pause(self.switches.paused.load(Ordering::Relaxed));
         if self.switches.go_on.swap(false, Ordering::Relaxed) {

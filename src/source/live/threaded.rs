@@ -27,6 +27,9 @@ pub struct Threaded {
     thread: Option<JoinHandle<()>>,
 }
 
+/// How often in a step of control frames are given and orders are taken.
+const SLICES: u32 = 10;
+
 enum Order {
     Do(Action),
     /// Save or restore the count of frames.
@@ -86,9 +89,14 @@ fn control<B: Base>(
             journal(event);
         }
     }));
+    let mut next = live.base.now();
     loop {
+        let mut ordered = false;
         match orders.try_recv() {
-            Ok(Order::Do(action)) => live.drive.order(action),
+            Ok(Order::Do(action)) => {
+                live.drive.order(action);
+                ordered = true;
+            }
             Ok(Order::Persist(mut snapshot, answer)) => {
                 let result = live.persist(&mut snapshot);
                 // Whoever asked may have ended.
@@ -97,7 +105,13 @@ fn control<B: Base>(
             Err(TryRecvError::Empty) => {}
             Err(TryRecvError::Disconnected) => break,
         }
-        live.cycle();
+        // What was decided is done at once; a frame is given as soon as it is there.
+        let now = live.base.now();
+        if ordered || now >= next {
+            live.tick();
+            next = now.max(next) + live.period;
+        }
+        live.listen(next.min(now + live.period / SLICES));
         while let Some(frame) = live.drive.frame() {
             // Nobody takes it where the run has ended.
             let _ = frames.send(frame);
