@@ -7,10 +7,11 @@ use std::time::{Duration, Instant};
 use crossbeam_channel::{Receiver, bounded, select, unbounded};
 
 use super::graph::{LOOK_INTERVAL, LinkError};
+use super::listen::leave;
 use super::losses::Losses;
 use super::pace::Pace;
 use super::sensors::Shared;
-use super::voice::{Ends, Mind, Voice};
+use super::voice::{Mind, NewEnds, Voice};
 use super::watchdog::Watchdog;
 use super::wire::{Commands, Join, Wire};
 use crate::robot::Velocity;
@@ -23,23 +24,15 @@ const MOST_IMAGES: usize = 5;
 /// Zeros that are said at the end.
 const LAST_ZEROS: usize = 5;
 
-/// Where nothing at all came for so long, real time, the network is joined anew. RustDDS needs it: its loops of events end for
-/// good where a wait for them is interrupted, and it is where the process was stopped, or the machine was suspended.
+/// Where nothing at all came for so long, real time, the network is joined anew.
 const SILENCE: Duration = Duration::from_secs(5);
+
+/// Where the loop of control was held up for so long, too: the process was stopped, or the machine was suspended. RustDDS's loops of
+/// events end for good where a wait for them is interrupted by that; if only that of discovery does, others forget us later.
+const HELD_UP: Duration = Duration::from_secs(1);
 
 /// How much longer than the network may take that joining it anew is waited for.
 const PATIENCE: Duration = Duration::from_secs(30);
-
-/// What the voice goes on with, where the network was joined anew.
-pub type NewEnds = Arc<Mutex<Option<Ends>>>;
-
-/// Drop our ends of a network that is dead, on a thread that nobody waits for: RustDDS may take a while, or wait for itself.
-pub fn leave(left: impl Send + 'static) {
-    // Without a thread, it is left where it is.
-    let left = std::mem::ManuallyDrop::new(left);
-    let _ =
-        std::thread::Builder::new().name("leave".into()).spawn(move || drop(std::mem::ManuallyDrop::into_inner(left)));
-}
 
 fn lock<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
     of.lock().unwrap_or_else(PoisonError::into_inner)
@@ -59,6 +52,8 @@ pub struct Link {
     new_ends: NewEnds,
     /// When something came in, or the network was joined, last.
     heard: Instant,
+    /// When the loop of control was here last.
+    seen: Instant,
     /// What is worth a word to people.
     pub warnings: Vec<String>,
     /// The network is being joined anew.
@@ -98,7 +93,7 @@ impl Link {
         let (name, told) = (settings.topic(&settings.node), shared.losses.clone());
         let voice = Voice::new(ends, new_ends.clone(), name, shared.mind.clone(), told, move || time.now(&pace));
         let (scenario, heard, joining) = (scenario.clone(), Instant::now(), None);
-        let link = Link {
+        let mut link = Link {
             scenario,
             settings,
             shared,
@@ -109,6 +104,7 @@ impl Link {
             wire,
             new_ends,
             heard,
+            seen: heard,
             warnings,
             joining,
         };
@@ -118,6 +114,7 @@ impl Link {
             link.watchdog.beat();
             std::thread::sleep(LOOK_INTERVAL);
         }
+        link.seen = Instant::now();
         Ok((link, voice))
     }
 
@@ -146,10 +143,11 @@ impl Link {
         Ok(())
     }
 
-    /// Where the network has fallen silent, join it anew beside what goes on, and go on with that.
+    /// Where the network has fallen silent, or this process was stopped, join it anew beside what goes on, and go on with that.
     fn keep_joined(&mut self) {
         let wait = Duration::from_secs_f64(self.settings.wait_seconds);
-        if self.joining.is_none() && self.heard.elapsed() > SILENCE {
+        let held_up = std::mem::replace(&mut self.seen, Instant::now()).elapsed() > HELD_UP;
+        if self.joining.is_none() && (held_up || self.heard.elapsed() > SILENCE) {
             let (scenario, shared) = (self.scenario.clone(), self.shared.clone());
             let join = move || Wire::join(&scenario, &shared, Instant::now() + wait);
             // A system that has no thread left may have one later.
@@ -170,7 +168,7 @@ impl Link {
             let of_watchdog = std::mem::replace(&mut *lock(&self.of_watchdog), of_watchdog);
             let untaken = lock(&self.new_ends).replace(ends);
             leave((of_watchdog, untaken, std::mem::replace(&mut self.wire, wire)));
-            self.shared.put(0, Reading::Note("nothing was heard: the network was joined anew".to_owned()));
+            self.shared.put(0, Reading::Note("the network was joined anew".to_owned()));
         }
     }
 }

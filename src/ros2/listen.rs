@@ -53,3 +53,11 @@ pub fn listen(name: &str, ears: Vec<Ear>, over: &Arc<AtomicBool>) -> std::io::Re
         }));
     })
 }
+
+/// Drop our ends of a network that is dead, on a thread that nobody waits for: RustDDS may take a while, or wait for itself.
+pub fn leave(left: impl Send + 'static) {
+    // Without a thread, it is left where it is.
+    let left = std::mem::ManuallyDrop::new(left);
+    let _ =
+        std::thread::Builder::new().name("leave".into()).spawn(move || drop(std::mem::ManuallyDrop::into_inner(left)));
+}

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 
 use crossbeam_channel::{Receiver, Sender, unbounded};
@@ -10,8 +10,7 @@ use ros2_client::Publisher;
 use serde::de::DeserializeOwned;
 
 use super::graph::{Domain, Graph, LinkError, reliable_qos};
-use super::link::{NewEnds, leave};
-use super::listen::{Ear, ear, listen};
+use super::listen::{Ear, ear, leave, listen};
 use super::losses::Losses;
 use super::navigate::navigate;
 use super::request::{Errand, Progress, Request};
@@ -53,6 +52,9 @@ impl Default for Mind {
         Mind { asked, requests, errand: Errand::default() }
     }
 }
+
+/// What the voice goes on with, where the network was joined anew.
+pub type NewEnds = Arc<Mutex<Option<Ends>>>;
 
 /// Our ends of the topics, as long as the network carries them.
 pub struct Ends {

@@ -59,7 +59,8 @@ DRIVER_KINDS = ["agent_stop", "agent_kill", "disk_full"]
 DEFAULT_KINDS = [kind for kind in KINDS if kind not in ("scan_stop", "network", *DRIVER_KINDS)]
 NORMAL = 2.0  # s between faults
 LATE = {"camera_late": 0.5, "camera_slightly_late": 0.1}  # s
-MOTION_BOUND = 1.0  # s of motion with frozen pixels
+MOTION_BOUND = (0.1, 0.19)  # m, rad: motion with frozen pixels
+MOTION_SECONDS = 1.0  # the longest that such a motion takes a robot that is driven
 STAND_BOUND = 1.3  # s: the base's own time-out, and the time to brake
 END_BOUND = 30.0  # s until a driver whose disk is full has ended
 EMERGENCY_BOUND = 0.1  # s
@@ -143,14 +144,16 @@ class Fault:
         self.lead = rng.uniform(0, 0.5)  # s of normal driving before it, on top of NORMAL
         self.duration = rng.uniform(0.5, 2.0)
         if self.answer == MOTION:
-            self.duration += MOTION_BOUND  # else it could end before anyone has to notice it
+            self.duration += MOTION_SECONDS  # else it could end before anyone has to notice it
+        elif self.answer is None:
+            self.duration += 1.0  # else it could lie between two actions
         elif self.answer == SILENCE:
             self.duration = 10.0 if kind == "network" else self.duration + STAND_BOUND
         elif self.answer == END:
             self.duration = END_BOUND  # or until it has ended
         self.jump = float(rng.choice((-10.0, 10.0)))  # s, of stamp_jump
         self.begin = self.due = self.end = None  # steady times
-        self.images, self.moved, self.stands, self.kept = 0, 0.0, False, None
+        self.images, self.place, self.stands, self.kept = 0, None, False, None
 
 
 class Judge:
@@ -187,25 +190,30 @@ class Judge:
             while time.monotonic() < normal_until:
                 yield
             fault.begin = time.monotonic()
-            bounds = {MOTION: MOTION_BOUND, EMERGENCY: EMERGENCY_BOUND, SILENCE: self.options.margin, END: END_BOUND}
+            bounds = {MOTION: MOTION_SECONDS, EMERGENCY: EMERGENCY_BOUND, SILENCE: self.options.margin, END: END_BOUND}
             bound = bounds.get(fault.answer, self.options.freshness + self.options.margin)
             fault.due = math.inf if fault.answer == MOTION else fault.begin + bound
             self.fault = fault
             self.change(fault.kind, begins=True)
             while time.monotonic() < fault.begin + fault.duration:
-                moves = abs(self.robot.v) > 0.02 or abs(self.robot.w) > 0.05
-                fault.moved += self.robot.STEP * moves
-                if fault.due == math.inf and fault.moved > MOTION_BOUND:
-                    fault.due = time.monotonic() + self.options.margin
+                robot = self.robot
+                moves = abs(robot.v) > 0.02 or abs(robot.w) > 0.05
+                if fault.kept and not fault.place:  # the first of the same pictures was sent
+                    fault.place = (robot.x, robot.y, robot.heading)
+                if fault.due == math.inf and fault.place:
+                    x, y, heading = fault.place
+                    moved = (math.dist((robot.x, robot.y), (x, y)), abs(math.remainder(robot.heading - heading, math.tau)))
+                    if any(of > bound for of, bound in zip(moved, MOTION_BOUND)):
+                        fault.due = time.monotonic() + self.options.freshness + self.options.margin
                 if fault.answer == END and self.driver.ended():
                     break
                 yield
             fault.stands = not moves
             self.fault, fault.end = None, time.monotonic()
             self.change(fault.kind, begins=False)
-            # Whoever was cut off needs a while.
-            until = fault.end + (self.options.patience if fault.answer in (SILENCE, END) else NORMAL)
-            while time.monotonic() < fault.end + NORMAL or (time.monotonic() < until and not self.driven()):
+            while time.monotonic() < fault.end + NORMAL:
+                yield
+            while time.monotonic() < fault.end + self.options.patience and not self.driven():
                 yield
             self.judge(fault, bound)
         self.over = True
@@ -221,17 +229,20 @@ class Judge:
         during = [(t, zero) for t, zero in self.commands if fault.begin <= t <= fault.end]
         zeros = [t for t, zero in during if zero]
         late = sum(not zero and t > fault.due for t, zero in during)
-        resumed = any(not zero for t, zero in self.commands if t > fault.end)
+        resumed = next((t - fault.end for t, zero in self.commands if t > fault.end and not zero), None)
         if fault.answer == MOMENT:
             late = int(not any(t <= fault.due for t in zeros))
-        told = fault.stands if fault.answer == SILENCE else bool(during) and during[-1][1] if fault.answer == END else bool(zeros)
-        ok = resumed and (late == 0 and told if fault.answer else late > 0)
+        told = bool(zeros) or fault.due == math.inf
+        if fault.answer in (SILENCE, END):
+            told = fault.stands if fault.answer == SILENCE else bool(during) and during[-1][1]
+        ok = resumed is not None and (late == 0 and told if fault.answer else late > 0)
         self.all_ok &= ok
         print(json.dumps({
             "kind": fault.kind, "stop_expected": fault.answer is not None, "begin": round(fault.begin, 3),
             "end": round(fault.end, 3), "bound": bound,
             "first_zero_after": round(zeros[0] - fault.begin, 3) if zeros else None,
-            "violations": late if fault.answer else 0, "resumed": resumed, "ok": ok}), flush=True)
+            "violations": late if fault.answer else 0,
+            "resumed_after": None if resumed is None else round(resumed, 3), "ok": ok}), flush=True)
 
 
 class FaultyLink(Link):

@@ -30,7 +30,7 @@ fn alone() -> MutexGuard<'static, ()> {
 
 /// A DDS domain for a test of this process; another process has others, most likely.
 fn domain(test: u16) -> u16 {
-    (std::process::id() % 12) as u16 * 8 + test
+    (std::process::id() % 11) as u16 * 9 + test
 }
 
 /// A Python with rclpy; none where there is none for this machine.
@@ -67,16 +67,7 @@ impl Peer {
 
     /// What it says at its end; it is not waited for longer than so many seconds.
     fn end(mut self, seconds: u64) -> Output {
-        let mut child = self.0.take().unwrap();
-        let begun = Instant::now();
-        while child.try_wait().unwrap().is_none() {
-            if begun.elapsed() > Duration::from_secs(seconds) {
-                let _ = child.kill();
-                panic!("the robot does not end within {seconds} s");
-            }
-            std::thread::sleep(Duration::from_millis(50));
-        }
-        child.wait_with_output().unwrap()
+        ended(self.0.take().unwrap(), seconds)
     }
 }
 
@@ -89,6 +80,20 @@ impl Drop for Peer {
     }
 }
 
+/// What a program says at its end; after so many seconds it is killed.
+fn ended(mut child: Child, seconds: u64) -> Output {
+    let begun = Instant::now();
+    while child.try_wait().unwrap().is_none() {
+        if begun.elapsed() > Duration::from_secs(seconds) {
+            let _ = child.kill();
+            let output = child.wait_with_output().unwrap();
+            panic!("it does not end within {seconds} s: {}{}", stdout(&output), stderr(&output));
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    child.wait_with_output().unwrap()
+}
+
 fn arguments<'a>(command: &[&'a str], domain: &'a str, sets: &[&'a str]) -> Vec<&'a str> {
     let mut all = command.to_vec();
     for &set in [domain].iter().chain(sets) {
@@ -97,12 +102,23 @@ fn arguments<'a>(command: &[&'a str], domain: &'a str, sets: &[&'a str]) -> Vec<
     all
 }
 
-/// A run of the scenario in a folder, on a domain.
-fn run(folder: &Path, domain: u16, sets: &[&str]) -> Output {
+/// Begins a run of the scenario in a folder, on a domain.
+fn begin(folder: &Path, domain: u16, sets: &[&str]) -> Child {
     let scenario = package_file("scenarios/ros2.toml").display().to_string();
     let domain = format!("ros2.domain={domain}");
     let command = ["run", scenario.as_str(), "--quiet", "--no-report", "--out", "run"];
-    adagio(folder, &arguments(&command, &domain, sets))
+    Command::new(env!("CARGO_BIN_EXE_adagio"))
+        .current_dir(folder)
+        .args(arguments(&command, &domain, sets))
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap()
+}
+
+/// A run of the scenario in a folder, on a domain.
+fn run(folder: &Path, domain: u16, sets: &[&str]) -> Output {
+    ended(begin(folder, domain, sets), 600)
 }
 
 /// Faults at moments of the peer's choice, in an order that follows from the seed: the peer sees every velocity, and judges.
@@ -110,16 +126,7 @@ fn plays_faults(domain: u16, seed: &str, kinds: &str, count: &str, sets: &[&str]
     let (Some(python), _alone) = (python(), alone()) else { return };
     let folder = tempfile::tempdir().unwrap();
     let peer = Peer::start(&python, domain, &["--seed", seed, "--kinds", kinds, "--faults", count, "--patience", "60"]);
-    let scenario = package_file("scenarios/ros2.toml").display().to_string();
-    let domain_set = format!("ros2.domain={domain}");
-    let command = ["run", scenario.as_str(), "--quiet", "--no-report", "--out", "run"];
-    let mut child = Command::new(env!("CARGO_BIN_EXE_adagio"))
-        .current_dir(folder.path())
-        .args(arguments(&command, &domain_set, sets))
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
+    let child = begin(folder.path(), domain, sets);
     let said = peer.end(300);
     let verdicts: Vec<Value> = stdout(&said)
         .lines()
@@ -128,12 +135,7 @@ fn plays_faults(domain: u16, seed: &str, kinds: &str, count: &str, sets: &[&str]
         .collect();
     // The robot is gone: the run waits for it, and ends when it is told to.
     let _ = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
-    let begun = Instant::now();
-    while child.try_wait().unwrap().is_none() {
-        assert!(begun.elapsed() < Duration::from_secs(60), "the run does not end");
-        std::thread::sleep(Duration::from_millis(20));
-    }
-    let output = child.wait_with_output().unwrap();
+    let output = ended(child, 60);
     assert!(output.status.success(), "{}", stderr(&output));
     println!("{}", stdout(&said));
     assert_eq!(verdicts.len(), count.parse::<usize>().unwrap(), "{}{}", stdout(&said), stderr(&said));
@@ -157,6 +159,33 @@ fn sensors_that_stop_freeze_are_late_or_lie_stop_the_robot_and_it_goes_on() {
 fn emergency_stops_and_scans_stop_the_robot_and_it_goes_on() {
     let sets = ["ros2.emergency_stop=/emergency_stop", "ros2.scan=/scan"];
     plays_faults(domain(1), "2", "estop,scan_stop", "4", &sets);
+}
+
+#[test]
+fn a_driver_that_is_stopped_or_killed_leaves_a_robot_that_stands_and_goes_on() {
+    let (Some(python), _alone) = (python(), alone()) else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let path = |path: PathBuf| path.display().to_string();
+    let (scenario, out) = (path(package_file("scenarios/ros2.toml")), path(folder.path().join("run")));
+    let domain_set = format!("ros2.domain={}", domain(8));
+    let faults = ["--seed", "3", "--kinds", "agent_stop,agent_kill", "--faults", "4", "--patience", "60"];
+    let driver = [
+        "--driver",
+        env!("CARGO_BIN_EXE_adagio"),
+        "run",
+        &scenario,
+        "--out",
+        &out,
+        "--quiet",
+        "--no-report",
+        "--set",
+        &domain_set,
+    ];
+    let said = Peer::start(&python, domain(8), &[&faults[..], &driver[..]].concat()).end(300);
+    assert!(said.status.success(), "{}{}", stdout(&said), stderr(&said));
+    assert_eq!(stdout(&said).matches("\"ok\": true").count(), 4, "{}", stdout(&said));
+    let verified = adagio(folder.path(), &["replay", "run", "--verify", "--quiet", "--no-report"]);
+    assert!(verified.status.success(), "{}{}", stdout(&verified), stderr(&verified));
 }
 
 #[test]
@@ -354,4 +383,43 @@ fn a_client_of_nav2_sends_it_somewhere_and_hears_how_that_goes() {
     assert!(said.status.success(), "{}", stderr(&said));
     let output = ran.join().unwrap();
     assert!(output.status.success(), "{}", stderr(&output));
+}
+
+/// A run in a world that others made, which a program of rclpy drives a robot through: its report.
+fn drives_through(domain: u16, program: &str, arguments: &[&str], sets: &[&str]) -> Option<Value> {
+    let (python, _alone) = (python()?, alone());
+    let folder = tempfile::tempdir().unwrap();
+    let _peer = Peer::program(&python, program, domain, arguments);
+    let ran = run(folder.path(), domain, &[&["ros2.use_sim_time=true", "ros2.wait_seconds=60"], sets].concat());
+    assert!(ran.status.success(), "{}", stderr(&ran));
+    let verified = adagio(folder.path(), &["replay", "run", "--verify", "--quiet", "--no-report"]);
+    assert!(verified.status.success(), "{}{}", stdout(&verified), stderr(&verified));
+    Some(report(&folder.path().join("run")))
+}
+
+/// Fewer actions than in docs/robot.md: by then it knows its way, and not the shortest one.
+#[test]
+fn a_room_of_miniworld_is_learned_while_it_is_driven() {
+    let sets = [
+        "actions=1200",
+        "policy.explore_actions=700",
+        "policy.explore_length=10",
+        "policy.pursue_share=1.0",
+        "agent.resolve_frames=1000",
+        "agent.latency_frames=500",
+    ];
+    let Some(report) = drives_through(domain(6), "bridge.py", &["--speed", "16", "--seed", "1"], &sets) else { return };
+    let (mut ended, mut reached) = (0, 0);
+    for pursuits in report["pursuits"].as_array().unwrap() {
+        ended += pursuits["ended"].as_u64().unwrap();
+        reached += pursuits["reached"].as_u64().unwrap();
+    }
+    println!("{reached} of {ended} pursuits arrive");
+    assert!(ended >= 10 && 4 * reached >= 3 * ended, "{reached} of {ended} pursuits arrive");
+}
+
+#[test]
+fn a_labyrinth_of_vizdoom_is_driven_through() {
+    let Some(report) = drives_through(domain(7), "doom.py", &["--speed", "8"], &["actions=60"]) else { return };
+    assert_eq!(report["run"]["actions"], 60);
 }

@@ -114,7 +114,8 @@ class Link(Node):
         self.scan_publisher = self.create_publisher(LaserScan, "/scan", qos_profile_sensor_data)
         self.stamped, self.on_command = stamped, on_command
         self.create_subscription(TwistStamped if stamped else Twist, "/cmd_vel", self.receive, 10)
-        self.create_subscription(PoseStamped, "/set_pose", self.receive_pose, 10)
+        if robot.put:
+            self.create_subscription(PoseStamped, "/set_pose", self.receive_pose, 10)
         self.put = None  # where it is to be carried in the next step: x, y, heading
         self.now = 0.0  # simulated seconds
         self.command = (0.0, 0.0)

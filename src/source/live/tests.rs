@@ -382,3 +382,20 @@ fn on_a_thread_of_its_own_it_stands_while_nobody_asks_for_anything_and_at_the_en
     assert!(number.parse::<usize>().unwrap() < 7 + 1 + frames.len());
     assert!(sent.lock().unwrap().iter().rev().take(10).all(|(_, velocity)| velocity.is_zero()));
 }
+
+#[test]
+fn an_order_that_a_frame_has_overtaken_is_void() {
+    let disc = Disc::new();
+    let sent = disc.sent.clone();
+    let mut robot = Threaded::start(live(InRealTime { disc, begun: std::time::Instant::now() }, 0)).unwrap();
+    // Its first frame is there, and whoever orders has not seen it.
+    std::thread::sleep(Duration::from_millis(500));
+    let mut given = Vec::new();
+    assert!(robot.execute(Action::FORWARD, &mut |frame| {
+        given.push(frame.action);
+        true
+    }));
+    assert_eq!(given, [None]);
+    std::thread::sleep(Duration::from_millis(300));
+    assert!(sent.lock().unwrap().iter().all(|(_, velocity)| velocity.is_zero()));
+}

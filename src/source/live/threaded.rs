@@ -22,6 +22,8 @@ const LAST_ZEROS: usize = 20;
 pub struct Threaded {
     orders: Option<Sender<Order>>,
     frames: Receiver<Frame>,
+    /// Boundaries that were taken.
+    taken: u64,
     switches: Switches,
     journal: Arc<Mutex<Option<Journal>>>,
     thread: Option<JoinHandle<()>>,
@@ -31,7 +33,8 @@ pub struct Threaded {
 const SLICES: u32 = 10;
 
 enum Order {
-    Do(Action),
+    /// An action that was decided on at a boundary, by their number. It is void where there is a later one: that leads to another.
+    Do(Action, u64),
     /// Save or restore the count of frames.
     Persist(Box<Snapshot>, Sender<Persisted>),
 }
@@ -50,15 +53,16 @@ impl Threaded {
         let (switches, told) = (live.switches.clone(), journal.clone());
         let control = move || control(live, &taken, &given, told);
         let thread = Some(std::thread::Builder::new().name("control".into()).spawn(control)?);
-        Ok(Threaded { orders: Some(orders), frames, switches, journal, thread })
+        Ok(Threaded { orders: Some(orders), frames, taken: 0, switches, journal, thread })
     }
 
     /// Frames until a boundary; whether there may be more.
-    fn run(&self, give: &mut dyn FnMut(Frame) -> bool) -> bool {
+    fn run(&mut self, give: &mut dyn FnMut(Frame) -> bool) -> bool {
         loop {
             match self.frames.recv_timeout(LOOK_INTERVAL) {
                 Ok(frame) => {
                     let ends = frame.boundary.is_some();
+                    self.taken += u64::from(ends);
                     if !give(frame) {
                         return false;
                     }
@@ -89,13 +93,15 @@ fn control<B: Base>(
             journal(event);
         }
     }));
-    let mut next = live.base.now();
+    let (mut next, mut given) = (live.base.now(), 0);
     loop {
         let mut ordered = false;
         match orders.try_recv() {
-            Ok(Order::Do(action)) => {
-                live.drive.order(action);
-                ordered = true;
+            Ok(Order::Do(action, at)) => {
+                ordered = at == given;
+                if ordered {
+                    live.drive.order(action);
+                }
             }
             Ok(Order::Persist(mut snapshot, answer)) => {
                 let result = live.persist(&mut snapshot);
@@ -113,6 +119,7 @@ fn control<B: Base>(
         }
         live.listen(next.min(now + live.period / SLICES));
         while let Some(frame) = live.drive.frame() {
+            given += u64::from(frame.boundary.is_some());
             // Nobody takes it where the run has ended.
             let _ = frames.send(frame);
         }
@@ -134,7 +141,7 @@ impl Source for Threaded {
     }
 
     fn execute(&mut self, action: Action, give: &mut dyn FnMut(Frame) -> bool) -> bool {
-        self.order(Order::Do(action)) && self.run(give)
+        self.order(Order::Do(action, self.taken)) && self.run(give)
     }
 
     fn keep_journal(&mut self, journal: Option<Journal>) {
