@@ -13,7 +13,7 @@ use crate::snapshot::SnapshotError;
 pub enum RunError {
     /// Learning refused.
     #[error(transparent)]
-    Perceive(#[from] PerceiveError),
+    Learn(#[from] LearnError),
     /// The log could not be written.
     #[error(transparent)]
     Log(#[from] LogError),
@@ -33,7 +33,7 @@ pub enum RunError {
 
 /// What learning can refuse.
 #[derive(Debug, Error)]
-pub enum PerceiveError {
+pub enum LearnError {
     /// No kernel width could be found.
     #[error("no kernel width: {0}; set dictionary.sigma, or look at what the camera sees")]
     Width(#[from] KernelError),

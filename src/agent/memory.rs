@@ -1,6 +1,6 @@
 //! What a run will hold in memory, and what the machine has.
 
-use super::actors::perceive::stream_options;
+use super::actors::learn::stream_options;
 use crate::dictionary::WhenFull;
 use crate::scenario::{Method as Values, Scenario, SelectionRule};
 use crate::slow::{Method, SlowStream, solve_bytes};
@@ -45,7 +45,7 @@ impl Memory {
         // Where members can leave, a block may exceed the budget before they do.
         let exceeds = s.dictionary.selection != SelectionRule::Ald || s.dictionary.when_full != WhenFull::Stop;
         let m = budget + if exceeds { s.dictionary.block_frames } else { 0 };
-        let d = 3 * s.vision.width * s.vision.height;
+        let d = s.vision.values();
         let mut stream = stream_options(s);
         stream.retained = stream.retained.min(s.actions.saturating_mul(s.robot.frames_per_action));
         let features = s.slow.features.min(budget);

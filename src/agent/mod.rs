@@ -3,8 +3,8 @@
 //! ```text
 //!  source ──frames──▶ perceive ──percepts──▶ act ──actions──▶ source
 //!                        │                    ▲
-//!                        └─moments──▶ solve ──▶ fit ──policies──┤
-//!                                                              └──▶ evaluate (trials beside the run)
+//!                        └─seen──▶ learn ──moments──▶ solve ──▶ fit ──policies──┤
+//!                                                                              └──▶ evaluate (trials beside the run)
 //!  all of them ──writes──▶ record (the log)        snapshots of the run ──▶ save
 //! ```
 //!
@@ -26,7 +26,7 @@ mod run;
 mod runtime;
 
 pub use actors::evaluate::CurvePoint;
-pub use error::{PerceiveError, RunError};
+pub use error::{LearnError, RunError};
 pub use memory::{Memory, machine_memory};
 pub use run::{Outcome, RunOptions, run};
 pub use runtime::checkpoint::{

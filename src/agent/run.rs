@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 use super::actors::act::{Act, ActLoop, ActState};
 use super::actors::evaluate::{self, CurvePoint};
 use super::actors::fit::{FitLoop, FitPolicies};
+use super::actors::learn::{Learn, LearnLoop, Seen};
 use super::actors::messages::{FitRequest, Item, Percept, SolveRequest, Update};
 use super::actors::perceive::{Perceive, PerceiveLoop};
 use super::actors::record::{Level, Recorder, write_log};
@@ -149,6 +150,8 @@ pub(super) fn run_interleaved(
     let (capacity, par) = (scenario.agent.queue, parallelism(&scenario.agent));
     let (frames_out, frames_in, gauge) = queue::<Item<Frame>>("frames", capacity, interleaving);
     status.watch(gauge);
+    let (seen_out, seen_in, gauge) = queue::<Item<Seen>>("learn", capacity, interleaving);
+    status.watch(gauge);
     let (percepts_out, percepts_in, gauge) = queue::<Percept>("percepts", capacity, interleaving);
     status.watch(gauge);
     let (actions_out, actions_in, gauge) = queue::<Item<Action>>("actions", 1, interleaving);
@@ -175,6 +178,7 @@ pub(super) fn run_interleaved(
 
     // The actors, new or as they were.
     let mut perceiver = Perceive::new(scenario.clone(), plan.clone(), timing.clone());
+    let mut learner = Learn::new(scenario.clone(), perceiver.tasks(), timing.clone());
     let mut acting = ActState::new(Act::new(scenario));
     let (mut solve, mut fit) = (Solve::new(&scenario.slow, par), FitPolicies::new(scenario.clone(), par));
     let goes_on = options.state.is_some();
@@ -182,15 +186,18 @@ pub(super) fn run_interleaved(
         snapshot.inner("acting", &mut acting)?;
         snapshot.scope("source", |snapshot| source.persist(snapshot))?;
         snapshot.inner("perceive", &mut perceiver)?;
+        snapshot.inner("learn", &mut learner)?;
+        learner.set_tasks(perceiver.tasks());
         snapshot.inner("solve", &mut solve)?;
         snapshot.inner("fit", &mut fit)?;
     }
     let agent = &scenario.agent;
+    // A recording has dropped already what it dropped.
+    let drops = agent.when_behind == WhenBehind::Drop && options.recording.is_none();
     let supply = SourceLoop {
         actions: actions_in,
         frames: frames_out,
-        // A recording has dropped already what it dropped.
-        drop_from: (agent.when_behind == WhenBehind::Drop && options.recording.is_none()).then(|| frames_in.clone()),
+        drop_from: drops.then(|| frames_in.clone()),
         goes_on,
         quiescence: &quiescence,
         speed: agent.speed.filter(|_| options.recording.is_none()),
@@ -216,8 +223,11 @@ pub(super) fn run_interleaved(
             Ok(())
         })?;
         let (record, quiescence) = (recorder.clone(), &quiescence);
-        let perceiving = PerceiveLoop { percepts: percepts_out, solve: solve_out, record, status, quiescence };
-        let perceive = threads.start("perceive", move || perceiving.run(perceiver, &frames_in))?;
+        let perceiving =
+            PerceiveLoop { percepts: percepts_out, seen: seen_out, drops, record: record.clone(), status, quiescence };
+        let perceive = threads.start("perceive", move || Ok(perceiving.run(perceiver, &frames_in)))?;
+        let learning = LearnLoop { solve: solve_out, record, status, quiescence };
+        let learn = threads.start("learn", move || learning.run(learner, &seen_in))?;
         let solver = threads.start("solve", move || Ok(solve.run(&solve_in, &fit_out)))?;
         // Who computes changes no number, and a log of interleaved actors says nothing of it.
         let (record, reports_device) = (recorder.clone(), interleaving.is_none());
@@ -262,7 +272,7 @@ pub(super) fn run_interleaved(
                 Ok(())
             })?);
         }
-        let parts = (act.join(), perceive.join(), solver.join(), fitter.join(), evaluations.join());
+        let parts = (act.join(), perceive.join(), learn.join(), solver.join(), fitter.join(), evaluations.join());
         let not_saved = keeper.join().ok().flatten().flatten();
         over.store(true, Ordering::Relaxed);
         let _ = health.map(|health| health.join());
@@ -285,7 +295,7 @@ pub(super) fn run_interleaved(
         let log = log_thread.join();
         Ok((parts, not_saved, log, failure))
     });
-    let ((act, perceive, solver, fitter, evaluations), not_saved, log, failure) = parts?;
+    let ((act, perceive, learn, solver, fitter, evaluations), not_saved, log, failure) = parts?;
     if let Some(error) = failure.or_else(|| failed.lock().unwrap_or_else(PoisonError::into_inner).take()) {
         return Err(error);
     }
@@ -293,24 +303,25 @@ pub(super) fn run_interleaved(
     // Without a failure every actor has returned what it has.
     let lost = |name| RunError::Panic(name, "it returned nothing".into());
     let acted = act.ok().flatten().ok_or_else(|| lost("act"))?;
-    let perceived = perceive.ok().flatten().ok_or_else(|| lost("perceive"))?;
+    let frames = perceive.ok().flatten().ok_or_else(|| lost("perceive"))?;
+    let learned = learn.ok().flatten().ok_or_else(|| lost("learn"))?;
     let resolve = solver.ok().flatten().ok_or_else(|| lost("solve"))?;
     let (refit, kernel_values_by) = fitter.ok().flatten().ok_or_else(|| lost("fit"))?;
     Ok(Outcome {
         learned: acted.learned,
         without_model: acted.without_model,
         actions: acted.actions,
-        frames: perceived.frames,
-        quarantined: perceived.quarantined,
+        frames,
+        quarantined: learned.quarantined,
         seconds: begin.elapsed().saturating_sub(paused).as_secs_f64(),
-        support_vectors: perceived.support_vectors,
-        nu: perceived.nu,
+        support_vectors: learned.support_vectors,
+        nu: learned.nu,
         curve: evaluations.ok().flatten().ok_or_else(|| lost("evaluate"))?,
         timing: Timing {
             act_p50: acted.clock.quantile_ms(0.5),
             act_p99: acted.clock.quantile_ms(0.99),
-            frame_p50: perceived.clock.quantile_ms(0.5),
-            frame_p99: perceived.clock.quantile_ms(0.99),
+            frame_p50: learned.clock.quantile_ms(0.5),
+            frame_p99: learned.clock.quantile_ms(0.99),
             resolve_p50: resolve.quantile_ms(0.5),
             resolve_max: resolve.max_ms(),
             refit_p50: refit.quantile_ms(0.5),

@@ -37,7 +37,7 @@ pub struct Sample {
     pub queues: Vec<(&'static str, usize, usize)>,
     /// 99th percentile so far of the time from percept to action, milliseconds.
     pub act_p99_ms: f64,
-    /// 99th percentile so far of the time to perceive a frame, milliseconds.
+    /// 99th percentile so far of the time to learn from a frame, milliseconds.
     pub frame_p99_ms: f64,
     /// Support vectors.
     pub support_vectors: usize,

@@ -152,7 +152,7 @@ impl Recorded {
         let Sensed { pose: truth, odometry, sonar, taken, moved, marks, goto, rewards } = parts;
         let (odometry, sonar, taken) = (odometry?, sonar?, taken?);
         let vision = &self.scenario.vision;
-        if image.data.len() != 3 * vision.width * vision.height {
+        if image.data.len() != vision.values() {
             return None;
         }
         let action = match taken.action {

@@ -217,19 +217,26 @@ fn people_with_ros_tools_hear_of_the_run_stop_it_drive_and_send_it() {
     assert_eq!(heard["parts"], serde_json::json!(["losses", "program", "robot", "run"]));
     assert!(heard["refusal"].as_str().unwrap().contains("centre, corner"), "{heard}");
     // It was asked for in the log; and what a person drove was learned from, as actions.
-    let (mut sent, mut moved, mut by_hand, mut state) = (Vec::new(), 0, 0, String::new());
+    let (mut sent, mut moved, mut states, mut ends) = (Vec::new(), 0, Vec::new(), Vec::new());
     for record in LogReader::open(&folder.path().join("run/run_000.mcap")).unwrap() {
         let record = record.unwrap();
         let Record::Message { topic, .. } = &record else { continue };
         match &**topic {
             "/adagio/goto" => sent.push(record.decode::<messages::Text>().unwrap().data),
             "/adagio/goal" => moved += 1,
-            "/robot/state" => state = record.decode::<messages::RobotState>().unwrap().state,
-            "/adagio/transition" if state == "driven by a person" => by_hand += 1,
+            "/robot/state" => {
+                let state = record.decode::<messages::RobotState>().unwrap();
+                states.push((state.header.stamp_ns(), state.state == "driven by a person"));
+            }
+            "/adagio/transition" => ends.push(record.decode::<messages::Transition>().unwrap().header.stamp_ns()),
             _ => {}
         }
     }
     assert_eq!((sent, moved), (vec!["centre".to_owned()], 1));
+    // The two are written by different actors: their order is that of their stamps.
+    let is_by_hand =
+        |end: &&u64| states.iter().rev().find(|(from, _)| from < *end).is_some_and(|(_, by_hand)| *by_hand);
+    let by_hand = ends.iter().filter(is_by_hand).count();
     assert!(by_hand >= 4, "{by_hand} actions by hand: 3.6 rad were driven at least");
     let verified = adagio(folder.path(), &["replay", "run", "--verify", "--quiet", "--no-report"]);
     assert!(verified.status.success(), "{}{}", stdout(&verified), stderr(&verified));

@@ -333,7 +333,7 @@ impl ActLoop<'_> {
             }
             self.tell(&mut progress);
         }
-        // No more actions: the source ends, then perceive with its last request, and then the solvers.
+        // No more actions: the source ends, then perceive, learn with its last request, and then the solvers.
         drop(actions);
         while self.percepts.take().is_ok() {}
         let early: Vec<Update> = progress.acting.waiting.drain(..).filter_map(|(_, answer)| answer).collect();
@@ -403,7 +403,7 @@ impl ActLoop<'_> {
                 progress.answered += 1;
             }
         } else {
-            // Perceive may be asking for a model at this very frame. By the next boundary it has seen that it must not.
+            // Learn may be asking for a model just now. By the next boundary it has seen that it must not, or it gives this state up.
             let held = self.quiescence.hold.swap(true, Ordering::Relaxed) || self.stop.load(Ordering::Relaxed);
             if !held || self.quiescence.requests.load(Ordering::Relaxed) != progress.answered {
                 return Ok(());

@@ -61,7 +61,7 @@ pub struct Marked {
     pub place: Option<[f64; 2]>,
 }
 
-/// From perceive to solve: everything that new policies are made of.
+/// From learn to solve: everything that new policies are made of.
 pub struct SolveRequest {
     pub asked_at: u64,
     /// Time of that frame.

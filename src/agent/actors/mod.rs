@@ -5,6 +5,7 @@ pub mod evaluate;
 pub mod fit;
 pub mod health;
 mod kernel_rows;
+pub mod learn;
 pub mod messages;
 pub mod perceive;
 pub mod record;

@@ -1,16 +1,19 @@
 //! What several actors keep in a snapshot of the run: models, policies, actions, places.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use faer::Mat;
 use nalgebra::Point2;
 
+use super::messages::Marked;
 use crate::kernel::Kernel;
 use crate::policy::{FloorMap, GoalRegion, Learned, Recent};
 use crate::robot::{Action, MOST_ACTIONS};
 use crate::slow::{Link, SlowModel};
 use crate::snapshot::{Snapshot, SnapshotError};
 use crate::value::{Instances, LocalOptions};
+use crate::vision::Observation;
 
 /// What was learned.
 pub fn learned(snapshot: &mut Snapshot, name: &str, learned: &mut Option<Arc<Learned>>) -> Result<(), SnapshotError> {
@@ -204,4 +207,53 @@ pub fn recent_of(snapshot: &Snapshot, [action, blocked]: [Option<usize>; 2]) -> 
 
 pub fn wrong(name: &str, cause: impl std::fmt::Display) -> SnapshotError {
     SnapshotError::Wrong { name: name.to_owned(), cause: cause.to_string() }
+}
+
+/// A mark: its task, the frame of its observation, and the bits of its place.
+pub type SavedMark = (usize, u64, Option<[u64; 2]>);
+
+/// Observations that several others refer to by their frames: each is kept once.
+#[derive(Default)]
+pub struct Observations {
+    observations: BTreeMap<u64, Arc<Observation>>,
+}
+
+impl Observations {
+    /// Take note of one, and name it by its frame.
+    pub fn add(&mut self, observation: &Arc<Observation>) -> u64 {
+        self.observations.entry(observation.frame).or_insert_with(|| observation.clone()).frame
+    }
+
+    /// One that was added.
+    pub fn get(&self, frame: u64) -> Result<Arc<Observation>, SnapshotError> {
+        self.observations
+            .get(&frame)
+            .cloned()
+            .ok_or_else(|| SnapshotError::Missing(format!("the observation of frame {frame}")))
+    }
+
+    /// A mark; its observation is added.
+    pub fn add_mark(&mut self, marked: &Marked) -> SavedMark {
+        (marked.task, self.add(&marked.observation), marked.place.map(|at| at.map(f64::to_bits)))
+    }
+
+    /// A mark whose observation was added.
+    pub fn mark(&self, (task, frame, place): SavedMark) -> Result<Marked, SnapshotError> {
+        Ok(Marked { task, observation: self.get(frame)?, place: place.map(|bits| bits.map(f64::from_bits)) })
+    }
+
+    /// Save or restore all of them, each of `values` pixels.
+    pub fn persist(&mut self, snapshot: &mut Snapshot, values: usize) -> Result<(), SnapshotError> {
+        let mut frames: Vec<u64> = self.observations.keys().copied().collect();
+        let mut pixels = Vec::with_capacity(if snapshot.is_restoring() { 0 } else { values * frames.len() });
+        self.observations.values().for_each(|seen| pixels.extend_from_slice(&seen.pixels));
+        snapshot.value("seen", &mut frames)?;
+        snapshot.numbers("seen_pixels", &mut pixels)?;
+        snapshot.check("seen_pixels", pixels.len() == values * frames.len(), "another number than the frames have")?;
+        if snapshot.is_restoring() {
+            let of = |(frame, pixels): (u64, &[u8])| (frame, Arc::new(Observation { frame, pixels: pixels.to_vec() }));
+            self.observations = frames.into_iter().zip(pixels.chunks_exact(values)).map(of).collect();
+        }
+        Ok(())
+    }
 }

@@ -23,6 +23,7 @@ pub struct ActionEnd {
 }
 
 /// The tasks of a run, with their goals where they are now.
+#[derive(Clone)]
 pub struct Tasks {
     plan: Arc<Plan>,
     tasks: Vec<Task>,

@@ -213,7 +213,7 @@ pub fn read_checkpoint(bytes: &[u8], path: &Path) -> Result<(Learned, Scenario),
     let heedless = tasks.filter(|_| !scenario.avoids.is_empty()).map(|task| weights_of(format!("heedless.{task}")));
     let heedless = heedless.collect::<Result<Vec<_>, _>>()?;
     let places = scenario.names().count();
-    let values = 3 * scenario.vision.width * scenario.vision.height;
+    let values = scenario.vision.values();
     if members.nrows() != values {
         let found = members.nrows();
         return Err(damaged(format!("its support vectors have {found} values, observations have {values}")));
@@ -439,7 +439,7 @@ mod tests {
     fn a_scenario_that_another_version_explains_in_other_words_is_read_and_a_damaged_one_is_not() {
         let text = include_str!("../../../scenarios/lab.toml");
         let mut scenario = Scenario::parse(text, Path::new("lab.toml"), &[]).unwrap();
-        let values = 3 * scenario.vision.width * scenario.vision.height;
+        let values = scenario.vision.values();
         let members = Mat::from_fn(values, 2, |i, j| ((7 * i + 3 * j) % 11) as f32);
         let (projection, one) = (Mat::from_fn(2, 1, |i, _| 1.0 - 0.5 * i as f64), vec![1.0]);
         let kernel = Kernel::radial(100.0, 2.0).unwrap();

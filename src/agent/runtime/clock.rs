@@ -12,9 +12,9 @@ pub struct Timing {
     pub act_p50: f64,
     /// To decide on an action once its percept is there.
     pub act_p99: f64,
-    /// To perceive a frame: vision, learning, and waiting for room in queues.
+    /// To learn from a frame, and to wait for the solver.
     pub frame_p50: f64,
-    /// To perceive a frame: vision, learning, and waiting for room in queues.
+    /// To learn from a frame, and to wait for the solver.
     pub frame_p99: f64,
     /// To solve slow features.
     pub resolve_p50: f64,

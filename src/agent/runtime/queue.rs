@@ -80,6 +80,11 @@ impl<T> Outbox<T> {
         !self.sender.is_full()
     }
 
+    /// Whether at least half of the room is taken.
+    pub fn is_half_full(&self) -> bool {
+        self.sender.capacity().is_some_and(|capacity| self.sender.len() >= capacity.div_ceil(2))
+    }
+
     /// Put a message in without waiting: where there is no room, the oldest ones go. `taker` is the other end of this queue, of which
     /// this side then holds a share: it does not notice any more that the other one has gone. How many went.
     pub fn put_newest(&self, message: T, taker: &Inbox<T>) -> u64 {

@@ -30,7 +30,7 @@ pub struct StatusValues {
     pub success: Option<f64>,
     /// 99th percentile of the time from percept to action, milliseconds.
     pub act_p99_ms: f64,
-    /// 99th percentile of the time to perceive a frame, milliseconds.
+    /// 99th percentile of the time to learn from a frame, milliseconds.
     pub frame_p99_ms: f64,
     /// What a robot that takes velocities is doing, and why it may not move.
     pub robot: Option<String>,

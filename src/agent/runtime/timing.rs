@@ -93,10 +93,11 @@ impl ModelTiming {
         frames > 0 && frames.is_multiple_of(*every)
     }
 
-    /// Whether the actor that acts has to wait for a model that is asked for at this frame. `is_due`: of [`ModelTiming::is_due`].
-    pub fn announces(&self, frame: u64, is_due: bool) -> bool {
+    /// Whether the actor that acts has to wait for a model that is asked for at this frame, which makes it `frames` frames. `changed`:
+    /// there are other goals with it, and where there is a model policies are fitted to them.
+    pub fn announces(&self, frame: u64, frames: u64, changed: bool) -> bool {
         match self {
-            ModelTiming::Lockstep { .. } => is_due,
+            ModelTiming::Lockstep { every, .. } => self.is_due(frames) || changed && frames > *every,
             ModelTiming::Realtime { recorded, .. } => self.is_recorded(frame) && recorded.contains_key(&frame),
         }
     }
@@ -151,7 +152,11 @@ mod tests {
         course.seen(1000);
         let timing = ModelTiming::new(&settings("lockstep"), Some(&course));
         assert!(timing.is_due(200) && !timing.is_due(201) && !timing.is_due(0));
-        assert!(timing.announces(199, true) && !timing.announces(7, false));
+        assert!(timing.announces(199, 200, false) && !timing.announces(7, 8, false));
+        assert!(
+            timing.announces(207, 208, true) && !timing.announces(7, 8, true),
+            "before the first model nothing is fitted"
+        );
         assert!(timing.asks(199, true, false) && !timing.asks(200, false, true));
         assert_eq!(timing.effective(199), 239);
         assert!(!timing.polls(5000));
@@ -169,7 +174,7 @@ mod tests {
         course.seen(500);
         let timing = ModelTiming::new(&settings("realtime"), Some(&course));
         assert!(timing.asks(205, false, false) && !timing.asks(206, true, true));
-        assert!(timing.announces(450, false) && !timing.announces(199, true));
+        assert!(timing.announces(450, 451, false) && !timing.announces(199, 200, true));
         assert_eq!([99, 205, 301, 450].map(|asked| timing.effective(asked)), [150, 400, 400, u64::MAX]);
         assert!(!timing.polls(500) && timing.polls(501));
         assert!(timing.asks(501, true, true) && !timing.asks(501, true, false) && !timing.asks(501, false, true));

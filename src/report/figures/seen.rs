@@ -30,7 +30,7 @@ pub fn section(material: &Material<'_>) -> Result<Section, DrawError> {
     }
     let samples: Vec<&Sample> = match material.room {
         Some(room) => {
-            let size = 3 * room.scenario.vision.width * room.scenario.vision.height;
+            let size = room.scenario.vision.values();
             material.gathered.samples.iter().filter(|sample| sample.pixels.len() == size).collect()
         }
         None => Vec::new(),

@@ -148,7 +148,7 @@ impl Agent {
                 "when_behind",
                 0,
                 &[("wait", WhenBehind::Wait), ("drop", WhenBehind::Drop)],
-                "the source waits until its frames are taken, or drops the oldest (realtime only)",
+                "frames wait until they are learned from, or some are dropped, never the last one of an action (realtime only)",
             ),
             speed: s.number_or_auto(
                 "speed",

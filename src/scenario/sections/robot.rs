@@ -198,6 +198,11 @@ impl Camera {
 }
 
 impl Vision {
+    /// Values of an observation: three to a pixel.
+    pub fn values(&self) -> usize {
+        3 * self.width * self.height
+    }
+
     pub(super) fn read(s: &mut Section<'_, '_>) -> Self {
         let cut_rows = s.count(
             "cut_rows",

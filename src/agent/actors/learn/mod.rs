@@ -1,32 +1,30 @@
-//! The perceive actor: vision, dictionary, moments, the window of transitions.
+//! The learn actor: dictionary, moments, the window of transitions.
 //!
-//! [`Perceive`] is the step; its loop is in `thread`, its saved form in `saved`.
+//! [`Learn`] is the step; its loop is in `thread`, its saved form in `saved`.
 
 mod saved;
 mod thread;
 
-pub use thread::PerceiveLoop;
+pub use thread::LearnLoop;
 
 use std::sync::Arc;
 
 use faer::{Mat, Par};
-use nalgebra::Point2;
 use thiserror::Error;
 
-use super::messages::{Growth, Percept, SolveRequest, TaskTransition};
+use super::messages::{Growth, SolveRequest, TaskTransition};
 use super::tasks::{ActionEnd, Tasks};
-use crate::agent::error::PerceiveError;
+use crate::agent::error::LearnError;
 use crate::agent::runtime::threads::parallelism;
 use crate::agent::runtime::timing::ModelTiming;
 use crate::dictionary::{Ald, DictionaryError, Parameters, Reservoir, Selection, width_for_size};
 use crate::kernel::{Kernel, KernelError, median_distance};
-use crate::policy::{Recent, Reflexes, columns};
-use crate::robot::{Action, ActionSet};
-use crate::scenario::{self, Plan, Scenario, SelectionRule};
+use crate::policy::columns;
+use crate::robot::Action;
+use crate::scenario::{self, Scenario, SelectionRule};
 use crate::slow::{Link, SlowError, SlowStream, StreamOptions};
-use crate::source::{Frame, GoalMove, Mark, View};
 use crate::value::{Transition, Window};
-use crate::vision::{Observation, Observer};
+use crate::vision::Observation;
 
 /// How many new support vectors are gathered before retained frames get their coordinates.
 const SETTLE_AT: usize = 128;
@@ -35,13 +33,24 @@ const SETTLE_AT: usize = 128;
 /// long, the search for a size would else go down to the noise of the camera.
 const NARROWEST: f64 = 0.5;
 
-/// A frame that waits for its block.
-struct Pending {
-    observation: Arc<Observation>,
-    link: Option<Link>,
+/// A frame to be learned from.
+pub struct Sample {
+    pub observation: Arc<Observation>,
+    /// From the frame before; none if that is missing.
+    pub link: Option<Link>,
     /// For the last frame of an action: where it ended, and which actions may follow, as bits.
-    boundary: Option<(ActionEnd, u32)>,
-    action: Option<Action>,
+    pub boundary: Option<(ActionEnd, u32)>,
+    pub action: Option<Action>,
+}
+
+/// From perceive to learn.
+pub struct Seen {
+    pub sample: Sample,
+    pub stamp_ns: u64,
+    /// The tasks as they are with it.
+    pub tasks: Arc<Tasks>,
+    /// Whether policies are wanted for what changed about them.
+    pub changed: bool,
 }
 
 /// What came of a frame.
@@ -51,141 +60,69 @@ pub struct Learning {
     pub request: Option<SolveRequest>,
 }
 
-/// What was seen in a frame.
-pub struct SeenFrame {
-    pub observation: Arc<Observation>,
-    /// At the end of an action.
-    pub percept: Option<Percept>,
-    /// Tasks that moved with it.
-    pub moved: Vec<GoalMove>,
-    /// Marks that count, and why others do not.
-    pub marks: Vec<Mark>,
-    pub refused: Vec<String>,
-}
-
-/// Vision, dictionary, moments and window.
-pub struct Perceive {
+/// Dictionary, moments and window.
+pub struct Learn {
     scenario: Arc<Scenario>,
     timing: Arc<ModelTiming>,
     par: Par,
-    observer: Observer,
     stream: Option<SlowStream<f32>>,
-    pending: Vec<Pending>,
-    goals: Tasks,
-    /// Tasks may move: the window keeps where an action ended, and rewards follow from that when they are needed.
+    /// Frames that wait for their block.
+    pending: Vec<Sample>,
+    /// As they were with the last frame. They may change: the window keeps where an action ended, and rewards follow from that when
+    /// they are needed.
+    tasks: Arc<Tasks>,
     window: Window<Arc<Observation>, ActionEnd>,
     last_number: Option<u64>,
-    reflexes: Reflexes,
-    actions: ActionSet,
-    /// What the reflexes are to know of the actions so far.
-    recent: Recent,
     /// The observation before the action that is going on, and its cell.
     last_boundary: Option<(Arc<Observation>, usize)>,
-    asked: Vec<u64>,
     /// Whether a model is due that was not asked for yet.
     owed: bool,
-    /// Whether policies for where the goals are now were not asked for yet.
+    /// Whether policies for the tasks as they are now were not asked for yet.
     refit: bool,
-    /// Whether somebody marks, or did with the last action: policies follow when that is over.
-    marking: bool,
     last_request: Option<u64>,
     frames: u64,
     stamp_ns: u64,
 }
 
-impl Perceive {
-    /// An actor that has seen nothing.
-    pub fn new(scenario: Arc<Scenario>, plan: Arc<Plan>, timing: Arc<ModelTiming>) -> Self {
-        Perceive {
-            goals: Tasks::new(&scenario, plan),
+impl Learn {
+    /// An actor that has learned nothing.
+    pub fn new(scenario: Arc<Scenario>, tasks: Arc<Tasks>, timing: Arc<ModelTiming>) -> Self {
+        Learn {
             window: Window::new(scenario.value.window),
             par: parallelism(&scenario.agent),
-            reflexes: Reflexes::new(&scenario),
-            actions: scenario.robot.actions(),
             scenario,
             timing,
-            observer: Observer::default(),
+            tasks,
             stream: None,
             pending: Vec::new(),
             last_number: None,
-            recent: Recent::default(),
             last_boundary: None,
-            asked: Vec::new(),
             owed: false,
             refit: false,
-            marking: false,
             last_request: None,
             frames: 0,
             stamp_ns: 0,
         }
     }
 
-    /// See a frame: its observation, and at the end of an action the percept to act on. Tasks move at the end of actions, too,
-    /// and what the action came to is judged by where they are then.
-    pub fn see(&mut self, frame: Frame) -> SeenFrame {
-        let pixels = match frame.view {
-            View::Observation(pixels) => pixels,
-            View::Image(image) => {
-                let mut pixels = Vec::new();
-                self.observer.observe(&image, &self.scenario.vision, &mut pixels);
-                pixels
-            }
-        };
-        let observation = Arc::new(Observation { frame: frame.number, pixels });
-        let follows = self.last_number.is_some_and(|last| last + 1 == frame.number);
-        let link = frame.action.filter(|_| follows).map(|action| Link {
-            dt: self.scenario.robot.frame_seconds(),
-            weight: if self.actions.advances(action) { self.scenario.slow.move_weight } else { 1.0 },
-        });
-        // Nothing is near a place that nobody knows: no reward, no goal.
-        let place = frame.truth.map_or(Point2::new(f64::NAN, f64::NAN), |pose| pose.position);
-        if let Some(boundary) = &frame.boundary {
-            // Without an action the recording was interrupted: what was before has nothing to do with it.
-            let after = |action| self.recent.then(action, boundary.blocked);
-            self.recent = frame.action.map_or(Recent::default(), after);
-        }
-        let rewards = frame.rewards;
-        let end_of = |blocked: bool| ActionEnd { place, blocked, rewards: rewards.clone() };
-        self.pending.push(Pending {
-            observation: observation.clone(),
-            link,
-            boundary: frame.boundary.map(|end| (end_of(end.blocked), self.reflexes.allowed(self.recent))),
-            action: frame.action,
-        });
-        self.last_number = Some(frame.number);
-        self.stamp_ns = frame.stamp_ns;
-        self.frames += 1;
-        let moved = match frame.boundary {
-            Some(_) => self.goals.follow(frame.number, &frame.moved),
-            None => Vec::new(),
-        };
-        let (marks, refused) = self.goals.mark(&frame.marks, &observation, place);
-        self.marking |= !marks.is_empty();
-        let marked = frame.boundary.is_some() && marks.is_empty() && std::mem::take(&mut self.marking);
-        // Before the first model there is nothing to fit again.
-        self.refit |= (marked || !moved.is_empty()) && self.last_request.is_some();
-        if self.timing.announces(frame.number, self.refit || self.timing.is_due(self.frames)) {
-            self.asked.push(frame.number);
-        }
-        let percept = frame.boundary.map(|boundary| Percept {
-            observation: observation.clone(),
-            stamp_ns: frame.stamp_ns,
-            sonar: frame.sonar,
-            action: frame.action,
-            recent: self.recent,
-            outcomes: self.goals.outcomes_of(&end_of(boundary.blocked)),
-            goto: frame.goto,
-            asked: std::mem::take(&mut self.asked),
-        });
-        SeenFrame { observation, percept, moved, marks, refused }
+    /// The tasks as they are, where that is not known from a frame.
+    pub fn set_tasks(&mut self, tasks: Arc<Tasks>) {
+        self.tasks = tasks;
     }
 
-    /// Learn from what was seen, when a block is full or a model is asked for. A model that is due, but is not asked for now,
-    /// is owed. `has_room`: whether the solver is free.
-    pub fn learn(&mut self, has_room: bool) -> Result<Learning, PerceiveError> {
+    /// Learn from a frame: when a block is full, or a model is asked for. A model that is due, but is not asked for now, is owed.
+    /// `has_room`: whether the solver is free.
+    pub fn step(&mut self, seen: Seen, has_room: bool) -> Result<Learning, LearnError> {
+        let frame = seen.sample.observation.frame;
+        self.last_number = Some(frame);
+        self.stamp_ns = seen.stamp_ns;
+        self.frames += 1;
+        self.tasks = seen.tasks;
+        // Before the first model there is nothing to fit again.
+        self.refit |= seen.changed && self.last_request.is_some();
+        self.pending.push(seen.sample);
         self.owed |= self.timing.is_due(self.frames);
-        let wanted = self.owed || self.refit;
-        let due = self.last_number.is_some_and(|frame| self.timing.asks(frame, wanted, has_room));
+        let due = self.timing.asks(frame, self.owed || self.refit, has_room);
         let keeps_features = self.refit && !self.owed;
         self.owed &= !due;
         self.refit &= !due;
@@ -198,17 +135,17 @@ impl Perceive {
     }
 
     /// Learn from the last frames, and ask for the last model.
-    pub fn finish(&mut self) -> Result<Learning, PerceiveError> {
+    pub fn finish(&mut self) -> Result<Learning, LearnError> {
         let growth = self.flush()?;
         let already = self.last_request.is_some() && self.last_request == self.last_number;
         let request = if already { None } else { self.request(false)? };
         Ok(Learning { growth, request })
     }
 
-    fn request(&mut self, keeps_features: bool) -> Result<Option<SolveRequest>, PerceiveError> {
+    fn request(&mut self, keeps_features: bool) -> Result<Option<SolveRequest>, LearnError> {
         let (Some(asked_at), Some(stream)) = (self.last_number, self.stream.as_mut()) else { return Ok(None) };
         self.last_request = Some(asked_at);
-        let refuse = |cause| PerceiveError::Block { last_frame: asked_at, cause };
+        let refuse = |cause| LearnError::Block { last_frame: asked_at, cause };
         let sums = match keeps_features {
             true => None,
             false => {
@@ -222,26 +159,26 @@ impl Perceive {
             frames: self.frames,
             sums,
             window: self.window_with_outcomes(),
-            goals: self.goals.centres(),
-            marks: self.goals.marks.clone(),
+            goals: self.tasks.centres(),
+            marks: self.tasks.marks.clone(),
         }))
     }
 
     fn window_with_outcomes(&self) -> Vec<TaskTransition> {
         let with_outcomes = |t: Transition<Arc<Observation>, ActionEnd>| {
             let Transition { from, action, allowed, result, to, cell } = t;
-            Transition { from, action, allowed, result: self.goals.outcomes_of(&result), to, cell }
+            Transition { from, action, allowed, result: self.tasks.outcomes_of(&result), to, cell }
         };
         self.window.snapshot().into_iter().map(with_outcomes).collect()
     }
 
     /// Put all pending frames into the stream, and the transitions that end in them into the window.
-    fn flush(&mut self) -> Result<Option<Growth>, PerceiveError> {
+    fn flush(&mut self) -> Result<Option<Growth>, LearnError> {
         let pending = std::mem::take(&mut self.pending);
         let (Some(first), Some(last)) = (pending.first(), pending.last()) else { return Ok(None) };
         let (first_frame, last_frame) = (first.observation.frame, last.observation.frame);
         let x = columns(pending.iter().map(|frame| frame.observation.as_ref()));
-        let refuse = |cause| PerceiveError::Block { last_frame, cause };
+        let refuse = |cause| LearnError::Block { last_frame, cause };
         if self.stream.is_none() {
             self.stream = Some(self.begin(&x).map_err(|error| error.at_frame(last_frame))?);
         }
@@ -321,16 +258,11 @@ impl Perceive {
     }
 }
 
-impl Perceive {
+impl Learn {
     /// Whether the frames of all actions of the scenario have been seen.
     pub fn has_all_frames(&self) -> bool {
         let end = self.scenario.actions * self.scenario.robot.frames_per_action;
         self.last_number.is_some_and(|last| last >= end as u64)
-    }
-
-    /// Frames seen, and the last one.
-    pub fn progress(&self) -> (u64, Option<u64>) {
-        (self.frames, self.last_number)
     }
 }
 
@@ -370,69 +302,11 @@ enum BeginError {
 }
 
 impl BeginError {
-    fn at_frame(self, last_frame: u64) -> PerceiveError {
+    fn at_frame(self, last_frame: u64) -> LearnError {
         match self {
-            BeginError::Kernel(error) => PerceiveError::Width(error),
-            BeginError::Dictionary(cause) => PerceiveError::Block { last_frame, cause: cause.into() },
-            BeginError::Stream(cause) => PerceiveError::Block { last_frame, cause },
+            BeginError::Kernel(error) => LearnError::Width(error),
+            BeginError::Dictionary(cause) => LearnError::Block { last_frame, cause: cause.into() },
+            BeginError::Stream(cause) => LearnError::Block { last_frame, cause },
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::robot::Pose;
-    use crate::snapshot::{Persist, Snapshot};
-    use crate::source::Boundary;
-
-    #[test]
-    fn percepts_know_the_turn_before_a_push_until_a_recording_is_interrupted() {
-        let text = include_str!("../../../../scenarios/lab.toml");
-        let scenario = Arc::new(Scenario::parse(text, std::path::Path::new("lab.toml"), &[]).unwrap());
-        let plan = Arc::new(Plan::new(&scenario).unwrap());
-        let timing = || Arc::new(ModelTiming::new(&scenario.agent, None));
-        let mut perceive = Perceive::new(scenario.clone(), plan.clone(), timing());
-        let frame = |number: u64, action: Option<Action>, blocked: bool| {
-            let pose = Pose::new(Point2::new(1.5, 0.9), 0.0);
-            let pixels = vec![128; 3 * scenario.vision.width * scenario.vision.height];
-            let (sonar, moved) = (vec![1.0; 16], Vec::new());
-            let (view, boundary) = (View::Observation(pixels), Some(Boundary { blocked }));
-            let marks = Vec::new();
-            let truth = Some(pose);
-            let rewards = Vec::new();
-            Frame {
-                number,
-                stamp_ns: number,
-                view,
-                truth,
-                odometry: pose,
-                sonar,
-                action,
-                boundary,
-                moved,
-                marks,
-                goto: None,
-                rewards,
-            }
-        };
-        let mut see =
-            |frame| (perceive.see(frame).percept.unwrap().recent, perceive.pending.last().unwrap().boundary.clone());
-        assert_eq!(see(frame(0, None, false)).0, Recent::default());
-        see(frame(1, Some(Action::TURN_LEFT), false));
-        let (recent, boundary) = see(frame(2, Some(Action::FORWARD), true));
-        assert_eq!(recent, Recent { action: Some(Action::TURN_LEFT), blocked: Some(Action::FORWARD) });
-        // Only the same turn may follow, and that is what values will count on.
-        assert_eq!(boundary.as_ref().unwrap().1, 1 << Action::TURN_LEFT.index());
-
-        // It is the same after it was saved and restored.
-        let mut snapshot = Snapshot::new();
-        perceive.persist(&mut snapshot).unwrap();
-        let mut again = Perceive::new(scenario.clone(), plan, timing());
-        again.persist(&mut Snapshot::restoring(snapshot.matrices, snapshot.texts)).unwrap();
-        assert_eq!(again.recent, recent);
-        assert_eq!(again.pending.last().unwrap().boundary, boundary);
-
-        assert_eq!(again.see(frame(3, None, false)).percept.unwrap().recent, Recent::default());
     }
 }

@@ -1,14 +1,12 @@
-//! The perceive actor in a snapshot of the run.
+//! The learn actor in a snapshot of the run.
 
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::super::messages::Marked;
-use super::super::saved::{action_of, link_bits, link_of, place_bits, place_of, recent_numbers, recent_of, wrong};
+use super::super::saved::{Observations, action_of, link_bits, link_of, place_bits, place_of, wrong};
 use super::super::tasks::ActionEnd;
-use super::{Pending, Perceive};
+use super::{Learn, Sample};
 use crate::robot::Action;
 use crate::snapshot::{Persist, Snapshot, SnapshotError};
 use crate::value::{Transition, Window};
@@ -27,11 +25,8 @@ struct Waiting {
     action: Option<usize>,
 }
 
-/// A mark: its task, the frame of its observation, and the bits of its place.
-type SavedMark = (usize, u64, Option<[u64; 2]>);
-
-/// It is restored into a new one of the same scenario.
-impl Persist for Perceive {
+/// It is restored into a new one of the same scenario; the tasks as they are come with the next frame, or by [`Learn::set_tasks`].
+impl Persist for Learn {
     fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
         let kernel = self.stream.as_ref().map(|stream| stream.dictionary().kernel());
         let mut sigma = kernel.and_then(|kernel| kernel.sigma()).map(f64::to_bits);
@@ -43,22 +38,18 @@ impl Persist for Perceive {
         if let Some(stream) = &mut self.stream {
             snapshot.inner("stream", stream)?;
         }
-        snapshot.inner("goals", &mut self.goals)?;
         snapshot.value("last_number", &mut self.last_number)?;
-        let mut recent = recent_numbers(self.recent);
-        snapshot.value("recent", &mut recent)?;
-        self.recent = recent_of(snapshot, recent)?;
         snapshot.value("owed", &mut self.owed)?;
         snapshot.value("refit", &mut self.refit)?;
         snapshot.value("last_request", &mut self.last_request)?;
         snapshot.value("frames", &mut self.frames)?;
         snapshot.value("stamp_ns", &mut self.stamp_ns)?;
-        let values = 3 * self.scenario.vision.width * self.scenario.vision.height;
+        let values = self.scenario.vision.values();
         if snapshot.is_restoring() { self.take_seen(snapshot, values) } else { self.put_seen(snapshot, values) }
     }
 }
 
-impl Perceive {
+impl Learn {
     fn put_seen(&self, snapshot: &mut Snapshot, values: usize) -> Result<(), SnapshotError> {
         let mut seen = Observations::default();
         put_window(&self.window, &mut seen, snapshot)?;
@@ -77,14 +68,6 @@ impl Perceive {
             .collect();
         snapshot.value("last_boundary", &mut last_boundary)?;
         snapshot.value("pending", &mut pending)?;
-        if self.scenario.shows_any() {
-            let of = |marked: &Marked| {
-                (marked.task, seen.add(&marked.observation), marked.place.map(|at| at.map(f64::to_bits)))
-            };
-            let mut marks: Vec<SavedMark> = self.goals.marks.iter().map(of).collect();
-            snapshot.value("marks", &mut marks)?;
-            snapshot.value("marking", &mut self.marking.clone())?;
-        }
         seen.persist(snapshot, values)
     }
 
@@ -100,7 +83,7 @@ impl Perceive {
             None => None,
         };
         let frame = |waiting: Waiting| {
-            Ok(Pending {
+            Ok(Sample {
                 observation: seen.get(waiting.frame)?,
                 link: waiting.link.map(link_of),
                 boundary: waiting
@@ -110,53 +93,6 @@ impl Perceive {
             })
         };
         self.pending = pending.into_iter().map(frame).collect::<Result<_, SnapshotError>>()?;
-        if self.scenario.shows_any() {
-            let mut marks: Vec<SavedMark> = Vec::new();
-            snapshot.value("marks", &mut marks)?;
-            snapshot.value("marking", &mut self.marking)?;
-            let marked = |(task, frame, place): SavedMark| {
-                Ok(Marked { task, observation: seen.get(frame)?, place: place.map(|bits| bits.map(f64::from_bits)) })
-            };
-            self.goals.marks = marks.into_iter().map(marked).collect::<Result<_, SnapshotError>>()?;
-            let tasks = self.scenario.names().count();
-            snapshot.check("marks", self.goals.marks.iter().all(|marked| marked.task < tasks), "other tasks")?;
-        }
-        Ok(())
-    }
-}
-
-/// Observations that several others refer to by their frames: each is kept once.
-#[derive(Default)]
-struct Observations {
-    observations: BTreeMap<u64, Arc<Observation>>,
-}
-
-impl Observations {
-    /// Take note of one, and name it by its frame.
-    fn add(&mut self, observation: &Arc<Observation>) -> u64 {
-        self.observations.entry(observation.frame).or_insert_with(|| observation.clone()).frame
-    }
-
-    /// One that was added.
-    fn get(&self, frame: u64) -> Result<Arc<Observation>, SnapshotError> {
-        self.observations
-            .get(&frame)
-            .cloned()
-            .ok_or_else(|| SnapshotError::Missing(format!("the observation of frame {frame}")))
-    }
-
-    /// Save or restore all of them, each of `values` pixels.
-    fn persist(&mut self, snapshot: &mut Snapshot, values: usize) -> Result<(), SnapshotError> {
-        let mut frames: Vec<u64> = self.observations.keys().copied().collect();
-        let mut pixels = Vec::with_capacity(if snapshot.is_restoring() { 0 } else { values * frames.len() });
-        self.observations.values().for_each(|seen| pixels.extend_from_slice(&seen.pixels));
-        snapshot.value("seen", &mut frames)?;
-        snapshot.numbers("seen_pixels", &mut pixels)?;
-        snapshot.check("seen_pixels", pixels.len() == values * frames.len(), "another number than the frames have")?;
-        if snapshot.is_restoring() {
-            let of = |(frame, pixels): (u64, &[u8])| (frame, Arc::new(Observation { frame, pixels: pixels.to_vec() }));
-            self.observations = frames.into_iter().zip(pixels.chunks_exact(values)).map(of).collect();
-        }
         Ok(())
     }
 }
