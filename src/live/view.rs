@@ -139,7 +139,7 @@ pub struct Curves {
     pub growth: Curve,
     /// Frames per second.
     pub speed: Curve,
-    /// 99th percentile of a frame through all actors, ms.
+    /// 99th percentile of learning from a frame, ms.
     pub latency: Curve,
     /// Memory, MB.
     pub memory: Curve,
@@ -152,7 +152,7 @@ pub struct HealthView {
     pub frames_per_second: f64,
     /// Frame to action, 99th percentile, ms.
     pub act_p99_ms: f64,
-    /// Frame through all actors, 99th percentile, ms.
+    /// Learning from a frame, 99th percentile, ms.
     pub frame_p99_ms: f64,
     /// Memory, MB.
     pub memory_mb: f64,

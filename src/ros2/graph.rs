@@ -8,7 +8,7 @@ use ros2_client::qos::{Durability, History, WhenFull};
 use ros2_client::ros2::LogLevel;
 use ros2_client::{
     ActionTypeName, Context, ContextOptions, Message, MessageTypeName, Name, Node, NodeName, NodeOptions, Publisher,
-    QosProfile, ServiceMapping, Subscription,
+    QosProfile, Server, ServiceMapping, ServiceTypeName, Subscription,
 };
 use serde::Serialize;
 use thiserror::Error;
@@ -229,10 +229,9 @@ impl Graph {
         kind: &str,
         qos: QosProfile,
     ) -> Result<Subscription<M>, LinkError> {
-        let failed = |cause: String| LinkError::Network { domain: self.context.domain_id(), cause };
-        let (name, kind) = names(topic, kind).map_err(failed)?;
-        let handle = self.node.create_topic(&name, kind, &qos).map_err(|error| failed(error.to_string()))?;
-        self.node.create_subscription(&handle, Some(qos)).map_err(|error| failed(error.to_string()))
+        let (name, kind) = (self.name_of(topic)?, message_type(kind));
+        let handle = self.node.create_topic(&name, kind, &qos).map_err(|error| self.failed(&error))?;
+        self.node.create_subscription(&handle, Some(qos)).map_err(|error| self.failed(&error))
     }
 
     /// Serve an action; a topic's namespace and name are its.
@@ -245,11 +244,7 @@ impl Graph {
         R: Message + Clone + 'static,
         F: Message + 'static,
     {
-        let failed = |cause: String| LinkError::Network { domain: self.context.domain_id(), cause };
-        let name = Name::parse(topic).map_err(|error| failed(format!("{topic:?} is no name: {error:?}")))?;
-        // As ROS's own servers have it: what was asked or told before a client came is not for it, but for the status.
-        let qos =
-            QosProfile::publisher_default().durability(Durability::Volatile).history(History::KeepLast { depth: 10 });
+        let (name, qos) = (self.name_of(topic)?, service_qos());
         let qos = ActionServerQosPolicies {
             goal_service: qos.clone(),
             result_service: qos.clone(),
@@ -258,7 +253,29 @@ impl Graph {
             status_publisher: qos.durability(Durability::TransientLocal),
         };
         let server = self.node.create_action_server(ServiceMapping::Enhanced, &name, kind, qos);
-        server.map_err(|error| failed(error.to_string()))
+        server.map_err(|error| self.failed(&error))
+    }
+
+    /// Serve a service.
+    ///
+    /// # Errors
+    /// [`LinkError::Network`].
+    pub fn answer<Q, A>(&mut self, service: &str, kind: &ServiceTypeName) -> Result<Server<Q, A>, LinkError>
+    where
+        Q: Message + Clone + 'static,
+        A: Message + 'static,
+    {
+        let name = self.name_of(service)?;
+        let server = self.node.create_server(ServiceMapping::Enhanced, &name, kind, service_qos(), service_qos());
+        server.map_err(|error| self.failed(&error))
+    }
+
+    fn name_of(&self, name: &str) -> Result<Name, LinkError> {
+        Name::parse(name).map_err(|error| self.failed(&format!("{name:?} is no name: {error:?}")))
+    }
+
+    fn failed(&self, cause: &dyn std::fmt::Display) -> LinkError {
+        LinkError::Network { domain: self.domain(), cause: cause.to_string() }
     }
 
     /// Publish on a topic, reliably, the newest message alone.
@@ -266,14 +283,13 @@ impl Graph {
     /// # Errors
     /// [`LinkError::Network`].
     pub fn publish<M: Serialize>(&mut self, topic: &str, kind: &str) -> Result<Publisher<M>, LinkError> {
-        let failed = |cause: String| LinkError::Network { domain: self.context.domain_id(), cause };
         // Nobody waits for a listener that does not answer.
         let qos = QosProfile::publisher_default()
             .reliability_reliable(WhenFull::Fail)
             .history(History::KeepLast { depth: 1 });
-        let (name, kind) = names(topic, kind).map_err(failed)?;
-        let handle = self.node.create_topic(&name, kind, &qos).map_err(|error| failed(error.to_string()))?;
-        self.node.create_publisher(&handle, Some(qos)).map_err(|error| failed(error.to_string()))
+        let (name, kind) = (self.name_of(topic)?, message_type(kind));
+        let handle = self.node.create_topic(&name, kind, &qos).map_err(|error| self.failed(&error))?;
+        self.node.create_publisher(&handle, Some(qos)).map_err(|error| self.failed(&error))
     }
 }
 
@@ -290,6 +306,11 @@ pub fn reliable_qos() -> QosProfile {
     QosProfile::subscription_default().reliability_reliable(WhenFull::DEFAULT).history(History::KeepLast { depth: 10 })
 }
 
+/// As ROS's own servers have it: what was asked or told before a client came is not for it.
+fn service_qos() -> QosProfile {
+    QosProfile::publisher_default().durability(Durability::Volatile).history(History::KeepLast { depth: 10 })
+}
+
 /// Topics with their types, for people.
 pub fn texts(ends: &[End]) -> Vec<String> {
     let mut kinds: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
@@ -302,10 +323,10 @@ pub fn texts(ends: &[End]) -> Vec<String> {
     kinds.into_iter().map(|(topic, kinds)| format!("{topic} ({})", kinds.join(", "))).collect()
 }
 
-fn names(topic: &str, kind: &str) -> Result<(Name, MessageTypeName), String> {
-    let name = Name::parse(topic).map_err(|error| format!("{topic:?} is no name of a topic: {error:?}"))?;
-    let (package, of) = kind.split_once("/msg/").ok_or_else(|| format!("{kind:?} is no type of messages"))?;
-    Ok((name, MessageTypeName::new(package, of)))
+/// A type of messages, as in `sensor_msgs/msg/Image`.
+fn message_type(kind: &str) -> MessageTypeName {
+    let (package, of) = kind.split_once("/msg/").expect("the types of messages are ours");
+    MessageTypeName::new(package, of)
 }
 
 fn is_best_effort(reliability: &ros2_client::ros2::policy::Reliability) -> bool {

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use ros2_client::Subscription;
+use ros2_client::{Message, Server, Subscription};
 use serde::de::DeserializeOwned;
 
 /// How often a thread that hears nothing sees whether it is to end.
@@ -29,6 +29,23 @@ pub fn ear<M: DeserializeOwned + Send + 'static>(
                     Ok(Ok((message, _))) => take(message),
                     Ok(Err(error)) => broken(error.to_string()),
                     Err(_) => {}
+                }
+            }
+        })
+    })
+}
+
+/// Answer each call of a service; those that cannot be decoded have no answer.
+pub fn answers<Q: Message + Clone + Send + 'static, A: Message + Send + 'static>(
+    server: Server<Q, A>,
+    answer: impl Fn(Q) -> A + Send + 'static,
+) -> Ear {
+    Box::new(move |over| {
+        Box::pin(async move {
+            while !over.load(Ordering::Relaxed) {
+                if let Ok(Ok((id, call))) = tokio::time::timeout(LOOK_INTERVAL, server.async_receive_request()).await {
+                    // A client that has gone hears nothing.
+                    let _ = server.async_send_response(id, answer(call)).await;
                 }
             }
         })

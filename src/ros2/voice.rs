@@ -6,11 +6,12 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 
 use crossbeam_channel::{Receiver, Sender, unbounded};
-use ros2_client::Publisher;
+use ros2_client::{Message as Call, Publisher, ServiceTypeName};
 use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
 
 use super::graph::{Domain, Graph, LinkError, reliable_qos};
-use super::listen::{Ear, ear, leave, listen};
+use super::listen::{Ear, answers, ear, leave, listen};
 use super::losses::Losses;
 use super::navigate::navigate;
 use super::request::{Errand, Progress, Request};
@@ -240,12 +241,30 @@ fn is_name(task: &str) -> bool {
     task.starts_with(|c: char| c.is_ascii_alphabetic()) && task.chars().all(plain)
 }
 
-/// `std_msgs/msg/Empty`: its one byte is what a structure without members has on the wire.
-#[derive(serde::Deserialize)]
+/// `std_msgs/msg/Empty`, and a call of `std_srvs/srv/Trigger`: the one byte is what a structure without members has on the wire.
+#[derive(Clone, Serialize, Deserialize)]
 struct Empty {
-    #[serde(rename = "structure_needs_at_least_one_member")]
-    _nothing: u8,
+    structure_needs_at_least_one_member: u8,
 }
+
+impl Call for Empty {}
+
+/// A call of `std_srvs/srv/SetBool`.
+#[derive(Clone, Serialize, Deserialize)]
+struct Switch {
+    data: bool,
+}
+
+impl Call for Switch {}
+
+/// The answer of both services.
+#[derive(Serialize, Deserialize)]
+struct Answer {
+    success: bool,
+    message: String,
+}
+
+impl Call for Answer {}
 
 fn ears(
     graph: &mut Graph,
@@ -259,6 +278,9 @@ fn ears(
         hear(graph, settings, "adagio/go_on", empty, asked, |_: Empty| Request::GoOn)?,
         hear(graph, settings, "adagio/stop", empty, asked, |_: Empty| Request::Stop)?,
         hear(graph, settings, "adagio/goto", msg::Text::TYPE, asked, |of: msg::Text| Request::Goto(of.data))?,
+        serve(graph, settings, "adagio/pause", "SetBool", asked, |of: Switch| Request::Pause(of.data))?,
+        serve(graph, settings, "adagio/go_on", "Trigger", asked, |_: Empty| Request::GoOn)?,
+        serve(graph, settings, "adagio/stop", "Trigger", asked, |_: Empty| Request::Stop)?,
     ];
     let at = |of: &msg::PoseStamped| [of.pose.position.x, of.pose.position.y];
     let pose = msg::PoseStamped::TYPE;
@@ -285,4 +307,20 @@ fn hear<M: DeserializeOwned + Send + 'static>(
         let _ = asked.send(request(message));
     };
     Ok(ear(subscription, take, |_| {}))
+}
+
+fn serve<Q: Call + Clone + Send + 'static>(
+    graph: &mut Graph,
+    settings: &Ros2,
+    service: &str,
+    kind: &str,
+    asked: &Sender<Request>,
+    request: impl Fn(Q) -> Request + Send + 'static,
+) -> Result<Ear, LinkError> {
+    let server = graph.answer(&settings.topic(service), &ServiceTypeName::new("std_srvs", kind))?;
+    let asked = asked.clone();
+    Ok(answers(server, move |call| match asked.send(request(call)) {
+        Ok(()) => Answer { success: true, message: String::new() },
+        Err(_) => Answer { success: false, message: "the run is over".to_owned() },
+    }))
 }

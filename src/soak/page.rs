@@ -65,10 +65,7 @@ pub fn page(soak: &Soak) -> Result<String, DrawError> {
             "latency",
             "Latency so far",
             Axis::log("99th percentile, ms"),
-            vec![
-                line("frame through all actors", 0, &|s| s.frame_p99_ms),
-                line("frame to action", 1, &|s| s.act_p99_ms),
-            ],
+            vec![line("learning from a frame", 0, &|s| s.frame_p99_ms), line("frame to action", 1, &|s| s.act_p99_ms)],
         ),
         ("queues", "Queue depths", Axis::new("entries that wait"), queues),
         ("speed", "Speed", Axis::new("frames per second"), vec![line("", 0, &|s| s.frames_per_second)]),

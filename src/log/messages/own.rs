@@ -278,7 +278,7 @@ messages! {
         queue_capacities: Vec<u32>,
         /// Time from frame to action, 99th percentile, ms.
         act_p99_ms: f64,
-        /// Time of a frame through all actors, 99th percentile, ms.
+        /// Time of learning from a frame, 99th percentile, ms.
         frame_p99_ms: f64,
         /// Memory in use, bytes.
         rss_bytes: u64,

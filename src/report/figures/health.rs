@@ -28,7 +28,7 @@ pub fn section(material: &Material<'_>) -> Result<Section, DrawError> {
         "Latency",
         Axis::log("99th percentile, ms"),
         vec![
-            line("frame through all actors", 0, &|health| health.frame_ms),
+            line("learning from a frame", 0, &|health| health.frame_ms),
             line("frame to action", 1, &|health| health.act_ms),
         ],
         "Over everything so far. The worst of each stretch where the run is long.",

@@ -48,7 +48,7 @@ pub struct HealthSeen {
     pub rate: f64,
     /// Time from frame to action, 99th percentile, ms.
     pub act_ms: f64,
-    /// Time of a frame through all actors, 99th percentile, ms.
+    /// Time of learning from a frame, 99th percentile, ms.
     pub frame_ms: f64,
     /// Entries that wait in each queue.
     pub depths: Vec<u32>,

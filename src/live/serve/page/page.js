@@ -323,7 +323,7 @@ function drawHealth() {
   }
   if (h) {
     rows.push(['frames per second', short(h.frames_per_second)], ['frame to action, p99', `${short(h.act_p99_ms)} ms`],
-      ['frame through all, p99', `${short(h.frame_p99_ms)} ms`], ['memory', `${short(h.memory_mb)} MB`],
+      ['learning from a frame, p99', `${short(h.frame_p99_ms)} ms`], ['memory', `${short(h.memory_mb)} MB`],
       ['queues', h.queues.map(([name, depth]) => `${name} ${depth}`).join(', ')],
       ['dropped', many(h.dropped)], ['left out of learning', many(h.quarantined)],
       ['damaged records', many(h.damaged)], ['warnings', many(h.warnings)]);
