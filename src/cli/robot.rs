@@ -38,17 +38,23 @@ pub struct Robot {
     pub is_real: bool,
 }
 
-/// The robot of a scenario, at its start where it is simulated; `stop` ends the run. Frames of a real one are counted from `next`.
-pub fn open(scenario: &Arc<Scenario>, world: &Arc<World>, stop: &Arc<AtomicBool>, next: u64) -> Result<Robot, Ending> {
+/// The robot of a scenario, at its start where it is simulated; `stop` ends the run. Frames of a real one come
+/// behind `last`, the number and the stamp of one that is recorded.
+pub fn open(
+    scenario: &Arc<Scenario>,
+    world: &Arc<World>,
+    stop: &Arc<AtomicBool>,
+    last: Option<(u64, u64)>,
+) -> Result<Robot, Ending> {
     let switches = Switches { stop: stop.clone(), ..Switches::default() };
     let (source, voice): (Box<dyn Source + Send>, _) = match (&scenario.motion, &scenario.body) {
         (None, _) => (Box::new(Simulated::new(scenario.clone(), world.clone())), None),
         (Some(motion), Some(body)) => {
             let base = DynamicBase::new(scenario.clone(), world.clone(), body.clone());
             // Without switches: in simulated time an action is finished as with the disc, and a run that goes on repeats it.
-            (Box::new(Live::new(scenario.clone(), motion.clone(), base.equipment(), base, 0)), None)
+            (Box::new(Live::new(scenario.clone(), motion.clone(), base.equipment(), base, None)), None)
         }
-        (Some(_), None) => on_ros2(scenario, &switches, next).map(|(source, voice)| (source, Some(voice)))?,
+        (Some(_), None) => on_ros2(scenario, &switches, last).map(|(source, voice)| (source, Some(voice)))?,
     };
     Ok(Robot { source, switches, is_real: voice.is_some(), voice })
 }
@@ -57,7 +63,7 @@ pub fn open(scenario: &Arc<Scenario>, world: &Arc<World>, stop: &Arc<AtomicBool>
 type Linked = (Box<dyn Source + Send>, Voice);
 
 #[cfg(feature = "ros2")]
-fn on_ros2(scenario: &Arc<Scenario>, switches: &Switches, next: u64) -> Result<Linked, Ending> {
+fn on_ros2(scenario: &Arc<Scenario>, switches: &Switches, last: Option<(u64, u64)>) -> Result<Linked, Ending> {
     use crate::ros2::{Link, LinkError};
     use crate::source::live::Threaded;
 
@@ -69,12 +75,12 @@ fn on_ros2(scenario: &Arc<Scenario>, switches: &Switches, next: u64) -> Result<L
     let (link, voice) = Link::open(scenario).map_err(failed)?;
     link.warnings.iter().for_each(|warning| eprintln!("warning: {warning}"));
     let equipment = link.equipment();
-    let live = Live::new(scenario.clone(), motion, equipment, link, next).with_switches(switches.clone());
+    let live = Live::new(scenario.clone(), motion, equipment, link, last).with_switches(switches.clone());
     let source = Threaded::start(live).map_err(|error| Ending::Failed(error.to_string()))?;
     Ok((Box::new(source), voice))
 }
 
 #[cfg(not(feature = "ros2"))]
-fn on_ros2(_: &Arc<Scenario>, _: &Switches, _: u64) -> Result<Linked, Ending> {
+fn on_ros2(_: &Arc<Scenario>, _: &Switches, _: Option<(u64, u64)>) -> Result<Linked, Ending> {
     Err(Ending::Usage("robot.body = \"ros2\": this program was built without it; build it with --features ros2".into()))
 }

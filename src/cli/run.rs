@@ -28,7 +28,7 @@ pub fn run(args: &RunArgs, stop: &Arc<AtomicBool>) -> Result<(), Ending> {
     // Before there is a folder: an address that is taken, or a robot that is not there, leaves nothing behind.
     let server = server(args)?;
     let world = Arc::new(World::new(&scenario)?);
-    let robot = robot::open(&scenario, &world, stop, 0)?;
+    let robot = robot::open(&scenario, &world, stop, None)?;
     let run = folder::create(args.out.as_deref(), &scenario)?;
     if let Some(server) = &server {
         eprintln!("the run can be watched at {}", server.url());

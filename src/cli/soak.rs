@@ -27,7 +27,7 @@ pub fn soak(args: &SoakArgs, stop: &Arc<AtomicBool>) -> Result<(), Ending> {
     sets.push(format!("actions={}", (args.hours * 3600.0 / first.robot.action_seconds).ceil()));
     let scenario = Arc::new(load(&args.scenario, &sets)?);
     let world = Arc::new(World::new(&scenario)?);
-    let robot = robot::open(&scenario, &world, stop, 0)?;
+    let robot = robot::open(&scenario, &world, stop, None)?;
     let run = folder::create(args.out.as_deref(), &scenario)?;
     let sampler = Sampler::new(&run, scenario.actions as u64, scenario.robot.action_seconds);
     let extras = Extras { quiet: args.quiet, report: true, sampler: Some(&sampler), server: None };

@@ -49,6 +49,11 @@ impl<M> fmt::Debug for Topic<M> {
     }
 }
 
+/// Whether a topic has what a robot's link says, as it comes, and not what follows from frames.
+pub fn is_of_robot(topic: &str) -> bool {
+    topic.starts_with("/robot/")
+}
+
 /// A topic without its type, as a row of [`ALL`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TopicInfo {

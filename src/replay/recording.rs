@@ -77,6 +77,8 @@ pub struct Recording {
     pub first_frame: u64,
     /// Frames.
     pub frames: u64,
+    /// The newest stamp of what follows from frames, nanoseconds.
+    pub last_stamp_ns: u64,
     /// Whether the last file was closed.
     pub closed: bool,
     /// Records that could not be read, the first 20.
@@ -151,6 +153,9 @@ impl Recording {
             }
             _ => return Ok(()),
         };
+        if !topics::is_of_robot(topic) {
+            self.last_stamp_ns = self.last_stamp_ns.max(stamp_ns);
+        }
         let is = |name: &str| **topic == *name;
         if is(topics::END.name()) {
             self.open_events = Some(self.events.clone());

@@ -26,7 +26,7 @@ impl Mover {
         };
         let noise = (noise("motion"), noise("sonar"));
         let base = DynamicBase::blind(scenario.clone(), world.clone(), body.clone(), pose, noise);
-        let mut live = Live::new(scenario.clone(), motion.clone(), base.equipment(), base, 0);
+        let mut live = Live::new(scenario.clone(), motion.clone(), base.equipment(), base, None);
         live.first();
         Mover::Body(Box::new(live))
     }

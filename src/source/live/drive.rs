@@ -155,8 +155,8 @@ pub struct Drive {
 }
 
 impl Drive {
-    /// A robot of which nothing was heard; frames are counted from `number`.
-    pub fn new(scenario: Arc<Scenario>, motion: Motion, equipment: Equipment, number: u64) -> Self {
+    /// A robot of which nothing was heard; its frames come behind `last`, the number and the stamp of one that is recorded.
+    pub fn new(scenario: Arc<Scenario>, motion: Motion, equipment: Equipment, last: Option<(u64, u64)>) -> Self {
         let settings = motion.safety_of(scenario.robot.radius, equipment);
         let any_reward = scenario.tasks.iter().any(|task| task.topic.is_some());
         Drive {
@@ -178,8 +178,8 @@ impl Drive {
             bumper: false,
             battery_low: false,
             measured: Duration::ZERO,
-            number,
-            taken_ns: None,
+            number: last.map_or(0, |(number, _)| number + 1),
+            taken_ns: last.map(|(_, stamp_ns)| stamp_ns),
             taken: None,
             stood: None,
             told: (DriveState::Standing, Causes::NONE),
@@ -380,7 +380,8 @@ impl Drive {
     }
 
     fn note(&mut self, text: String) {
-        let stamp_ns = self.stamp();
+        // Among the frames, whose stamps may be ahead of the robot's clock.
+        let stamp_ns = self.stamp().max(self.taken_ns.unwrap_or_default());
         self.events.push_back(Event::Note { stamp_ns, text });
     }
 
@@ -493,8 +494,12 @@ impl Drive {
     fn give(&mut self, seen: Seen, action: Option<Action>, boundary: Option<Boundary>) {
         let Seen { stamp_ns, taken, image, odometry, truth, sonar, marks } = seen;
         let ends = action.is_some() && boundary.is_some();
-        // Stamps of frames never go back, whatever the robot's clock does.
-        let stamp_ns = self.taken_ns.map_or(stamp_ns, |taken| stamp_ns.max(taken + 1));
+        // Stamps of frames never go back, whatever the robot's clock does: then they go on by ours.
+        let passed = self.taken.map_or(Duration::ZERO, |before| taken.saturating_sub(before)).as_nanos() as u64;
+        let stamp_ns = match self.taken_ns {
+            Some(before) if stamp_ns <= before => before + passed.max(1),
+            _ => stamp_ns,
+        };
         self.frames.push_back(Frame {
             number: self.number,
             stamp_ns,
@@ -520,12 +525,12 @@ impl Drive {
 impl Drive {
     /// Save or restore it, between two actions. Where time does not go on where it was, only the count of frames is kept.
     pub fn persist(&mut self, snapshot: &mut Snapshot, time_goes_on: bool) -> Result<(), SnapshotError> {
-        let next = self.number;
+        let (next, behind) = (self.number, self.taken_ns);
         snapshot.value("number", &mut self.number)?;
         snapshot.value("taken_ns", &mut self.taken_ns)?;
         if !time_goes_on {
-            // Frames that were recorded after the state have their numbers already.
-            self.number = self.number.max(next);
+            // Frames that were recorded after the state have their numbers and stamps already.
+            (self.number, self.taken_ns) = (self.number.max(next), self.taken_ns.max(behind));
             return Ok(());
         }
         snapshot.inner("safety", &mut self.safety)?;

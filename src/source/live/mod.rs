@@ -47,10 +47,16 @@ pub struct Live<B> {
 }
 
 impl<B: Base> Live<B> {
-    /// A robot that stands; its frames are counted from `number`.
-    pub fn new(scenario: Arc<Scenario>, motion: Motion, equipment: Equipment, base: B, number: u64) -> Self {
+    /// A robot that stands; its frames come behind `last`, the number and the stamp of one that is recorded.
+    pub fn new(
+        scenario: Arc<Scenario>,
+        motion: Motion,
+        equipment: Equipment,
+        base: B,
+        last: Option<(u64, u64)>,
+    ) -> Self {
         let (period, next) = (motion.period(), base.now());
-        let drive = Drive::new(scenario, motion, equipment, number);
+        let drive = Drive::new(scenario, motion, equipment, last);
         Live { base, drive, switches: Switches::default(), journal: None, period, next }
     }
 

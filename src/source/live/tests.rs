@@ -143,12 +143,12 @@ impl Base for Disc {
 
 const EQUIPMENT: Equipment = Equipment { scan: false, emergency_stop: true, lock: false };
 
-fn live<B: Base>(base: B, number: u64) -> Live<B> {
+fn live<B: Base>(base: B, last: Option<(u64, u64)>) -> Live<B> {
     let text = include_str!("../../../scenarios/lab.toml");
     let set = ["robot.body=dynamic".to_owned()];
     let scenario = Arc::new(Scenario::parse(text, "lab.toml".as_ref(), &set).unwrap());
     let motion = scenario.motion.clone().unwrap();
-    Live::new(scenario, motion, EQUIPMENT, base, number)
+    Live::new(scenario, motion, EQUIPMENT, base, last)
 }
 
 const ACTIONS: [Action; 4] = [Action::FORWARD, Action::TURN_LEFT, Action::FORWARD, Action::TURN_RIGHT];
@@ -179,7 +179,7 @@ fn with_fault(fault: Fault, stops: Option<f64>) -> Vec<Frame> {
     let mut disc = Disc::new();
     disc.faults.push((fault, from, to));
     let sent = disc.sent.clone();
-    let mut live = live(disc, 0);
+    let mut live = live(disc, None);
     let frames = drive(&mut live, 12);
     let sent = sent.lock().unwrap();
     let moves_in = |from: f64, to: f64| {
@@ -210,7 +210,7 @@ fn with_fault(fault: Fault, stops: Option<f64>) -> Vec<Frame> {
 
 #[test]
 fn frames_come_at_their_interval_and_each_action_ends_with_one_of_a_robot_that_stands() {
-    let mut live = live(Disc::new(), 0);
+    let mut live = live(Disc::new(), None);
     let frames = drive(&mut live, 40);
     assert_eq!(frames[0].action, None);
     assert!(frames.iter().zip(0..).all(|(frame, number)| frame.number == number));
@@ -266,7 +266,7 @@ fn a_clock_that_is_set_stops_nothing_for_long() {
         disc.faults.push((Fault::ClockSet(ms), 3.0, f64::INFINITY));
         let notes: Arc<Mutex<Vec<String>>> = Arc::default();
         let told = notes.clone();
-        let mut live = live(disc, 0);
+        let mut live = live(disc, None);
         live.keep_journal(Some(Box::new(move |event| {
             if let Event::Note { text, .. } = event {
                 told.lock().unwrap().push(text);
@@ -281,9 +281,22 @@ fn a_clock_that_is_set_stops_nothing_for_long() {
 }
 
 #[test]
+fn frames_come_behind_those_that_are_recorded_whatever_the_clock_says() {
+    // The recording ends a minute ahead of what the robot's clock says now.
+    let newest = STAMPS_FROM + 160_000_000_000;
+    let mut live = live(Disc::new(), Some((41, newest)));
+    let frames = drive(&mut live, 4);
+    assert_eq!((frames[0].number, frames[0].stamp_ns), (42, newest + 1));
+    for pair in frames.windows(2) {
+        let seconds = (pair[1].stamp_ns - pair[0].stamp_ns) as f64 / 1e9;
+        assert!((0.09..1.0).contains(&seconds), "they are as far apart as they were taken: {seconds}");
+    }
+}
+
+#[test]
 fn what_was_not_driven_belongs_to_no_action() {
     for by_hand in [true, false] {
-        let mut live = live(Disc::new(), 0);
+        let mut live = live(Disc::new(), None);
         let mut frames = drive(&mut live, 3);
         // Right after an action, or in the middle of one.
         let from = live.base.now().as_secs_f64() - 100.0;
@@ -313,7 +326,7 @@ fn a_run_that_is_to_end_stops_in_the_middle_of_an_action() {
     let disc = Disc::new();
     let sent = disc.sent.clone();
     let switches = Switches::default();
-    let mut live = live(disc, 0).with_switches(switches.clone());
+    let mut live = live(disc, None).with_switches(switches.clone());
     drive(&mut live, 2);
     let mut frames = 0;
     let more = live.execute(Action::FORWARD, &mut |_| {
@@ -351,7 +364,7 @@ impl Base for InRealTime {
 fn on_a_thread_of_its_own_it_stands_while_nobody_asks_for_anything_and_at_the_end() {
     let disc = Disc::new();
     let sent = disc.sent.clone();
-    let mut robot = Threaded::start(live(InRealTime { disc, begun: std::time::Instant::now() }, 7)).unwrap();
+    let mut robot = Threaded::start(live(InRealTime { disc, begun: std::time::Instant::now() }, Some((6, 0)))).unwrap();
     assert_eq!(robot.first().map(|frame| (frame.number, frame.action)), Some((7, None)));
     let mut frames = Vec::new();
     let mut forward = |robot: &mut Threaded| {
@@ -387,7 +400,7 @@ fn on_a_thread_of_its_own_it_stands_while_nobody_asks_for_anything_and_at_the_en
 fn an_order_that_a_frame_has_overtaken_is_void() {
     let disc = Disc::new();
     let sent = disc.sent.clone();
-    let mut robot = Threaded::start(live(InRealTime { disc, begun: std::time::Instant::now() }, 0)).unwrap();
+    let mut robot = Threaded::start(live(InRealTime { disc, begun: std::time::Instant::now() }, None)).unwrap();
     // Its first frame is there, and whoever orders has not seen it.
     std::thread::sleep(Duration::from_millis(500));
     let mut given = Vec::new();
