@@ -179,7 +179,8 @@ impl<'a> Drive<'a> {
         {
             eprintln!("warning: {warning}");
         }
-        let report = Report::new(scenario, &outcome, tasks, pose, self.origin, source.imported(), computed_by);
+        let made = Report::new(scenario, &outcome, tasks, pose, self.origin, source.imported(), computed_by);
+        let report = Report { movables: world.movables(), ..made };
         let json = serde_json::to_string_pretty(&report).map_err(|e| text(&e))?;
         write(self.run, "report.json", json.as_bytes())?;
         if !self.report {

@@ -7,7 +7,6 @@ use serde::Serialize;
 use super::{Ending, EvaluateArgs, folder, print, print_json};
 use crate::evaluate::{Evaluator, PoseDecode, TaskResult, decode_pose};
 use crate::report::{ComputedBy, tasks_table};
-use crate::world::World;
 
 /// What `--json` prints: the same keys as in `report.json`.
 #[derive(Serialize)]
@@ -21,7 +20,7 @@ struct Evaluation {
 pub fn evaluate(args: &EvaluateArgs) -> Result<(), Ending> {
     let (learned, scenario) = folder::learned(&args.run)?;
     let scenario = Arc::new(scenario);
-    let world = Arc::new(World::new(&scenario)?);
+    let world = Arc::new(folder::world(&args.run, &scenario)?);
     let no_device = world.appearance.prepare();
     if let Some(warning) = &no_device {
         eprintln!("warning: {warning}");

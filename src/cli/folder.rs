@@ -3,12 +3,15 @@
 use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 
+use serde::Deserialize;
+
 use super::Ending;
 use crate::agent::{CHECKPOINT_NAME, read_checkpoint};
 use crate::log::newest;
 use crate::log::run::log_number;
 use crate::policy::Learned;
 use crate::scenario::Scenario;
+use crate::world::World;
 
 /// Where runs go unless `--out` says otherwise.
 const RUNS: &str = "logs";
@@ -88,6 +91,23 @@ pub fn learned(run: &Path) -> Result<(Learned, Scenario), Ending> {
     let (bytes, path) =
         found.ok_or_else(|| format!("{} holds no checkpoint: the run ended before its first model", run.display()))?;
     Ok(read_checkpoint(&bytes, &path).map_err(|error| format!("{}: {error}", path.display()))?)
+}
+
+/// The world of a run, with what can be pushed where its report says that the run left it.
+///
+/// # Errors
+/// See [`World::new`].
+pub fn world(run: &Path, scenario: &Scenario) -> Result<World, image::ImageError> {
+    #[derive(Deserialize)]
+    struct Left {
+        movables: Vec<[f64; 2]>,
+    }
+    let world = World::new(scenario)?;
+    let report = std::fs::read_to_string(run.join("report.json")).ok();
+    if let Some(left) = report.and_then(|text| serde_json::from_str::<Left>(&text).ok()) {
+        world.set_movables(left.movables);
+    }
+    Ok(world)
 }
 
 /// What a checkpoint holds.

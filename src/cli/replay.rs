@@ -28,7 +28,7 @@ pub fn replay(args: &ReplayArgs, stop: &AtomicBool) -> Result<(), Ending> {
     }
     same_vision(&recording, &scenario).map_err(Ending::Usage)?;
     let scenario = Arc::new(scenario);
-    let world = Arc::new(World::new(&scenario)?);
+    let world = Arc::new(folder::world(&args.run, &scenario)?);
     if args.verify {
         verify(args, &recording, scenario, world, stop)
     } else {

@@ -185,7 +185,7 @@ fn of_run(args: &ReportArgs, files: &[PathBuf], gathered: &Gathered, steps: &Ste
     }
     let learned = learned.map(|(learned, _)| learned);
     let world = parsed.and_then(|scenario| {
-        let world = World::new(&scenario).map_err(|e| e.to_string())?;
+        let world = folder::world(&args.run, &scenario).map_err(|e| e.to_string())?;
         Ok((Arc::new(scenario), Arc::new(world)))
     });
     let (scenario, world) = match world {

@@ -43,6 +43,8 @@ pub struct Report {
     pub model: Option<Model>,
     /// Results of each task.
     pub tasks: Vec<TaskResult>,
+    /// Where each thing that can be pushed lay at the end, metres: trials find it there.
+    pub movables: Vec<[f64; 2]>,
     /// What the features know of the pose.
     pub pose_decode: Option<PoseDecode>,
     /// Durations.
@@ -231,6 +233,7 @@ impl Report {
                 lambda: scenario.slow.lambda,
             }),
             tasks,
+            movables: Vec::new(),
             pose_decode,
             timing_ms: outcome.timing.clone(),
             curve: outcome.curve.clone(),

@@ -49,7 +49,7 @@ impl DynamicBase {
         DynamicBase { sensor: Some(sensor), ..DynamicBase::blind(scenario, world, settings, start, noise) }
     }
 
-    /// A robot at a pose, without a camera; `noise` draws the errors of its odometry and of its sonars.
+    /// A robot at a pose, without a camera, which moves nothing for anybody else; `noise` draws the errors of its odometry and of its sonars.
     pub fn blind(
         scenario: Arc<Scenario>,
         world: Arc<World>,
@@ -58,7 +58,7 @@ impl DynamicBase {
         noise: (ChaCha8Rng, ChaCha8Rng),
     ) -> Self {
         DynamicBase {
-            body: Dynamic::new(&scenario, &settings, start, noise.0),
+            body: Dynamic::new(&scenario, &settings, start, &world.movables(), noise.0),
             sonar_noise: noise.1,
             scenario,
             settings,
@@ -178,6 +178,9 @@ impl Base for DynamicBase {
             while self.waiting.front().is_some_and(|received| received.at <= now) {
                 self.waiting.pop_front().into_iter().for_each(&mut *take);
             }
+        }
+        if self.sensor.is_some() {
+            self.world.set_movables(self.body.things().map(|(place, _)| place.into()).collect());
         }
     }
 

@@ -75,8 +75,14 @@ pub struct Dynamic {
 }
 
 impl Dynamic {
-    /// The robot of a scenario, standing at a pose; `random` draws the errors of its odometry.
-    pub fn new(scenario: &Scenario, settings: &BodySettings, start: Pose, mut random: ChaCha8Rng) -> Self {
+    /// The robot of a scenario, standing at a pose, with the things at their places; `random` draws the errors of its odometry.
+    pub fn new(
+        scenario: &Scenario,
+        settings: &BodySettings,
+        start: Pose,
+        things: &[[f64; 2]],
+        mut random: ChaCha8Rng,
+    ) -> Self {
         let wheels = [(); 2].map(|()| 1.0 + settings.wheel_error * random.sample::<f64, _>(StandardNormal));
         let Pose { position, heading } = start;
         let disc = |x: f64, y: f64, angle: f64| Disc { place: [x as f32, y as f32, angle as f32], velocity: [0.0; 3] };
@@ -86,7 +92,7 @@ impl Dynamic {
             walls: scenario.world.walls.iter().flat_map(plan_segments).collect(),
             radius: scenario.robot.radius,
             robot: disc(position.x, position.y, heading),
-            things: scenario.world.movables.iter().map(|thing| disc(thing.at[0], thing.at[1], 0.0)).collect(),
+            things: things.iter().map(|&[x, y]| disc(x, y, 0.0)).collect(),
             odometry: Odometry { pose: start, velocity: Velocity::ZERO },
             command: Velocity::ZERO,
             commanded: COMMAND_HOLDS,
@@ -307,7 +313,8 @@ mod tests {
 
     fn body(scenario: &Scenario, x: f64, y: f64, heading: f64) -> Dynamic {
         let start = Pose::new(Point2::new(x, y), heading);
-        Dynamic::new(scenario, scenario.body.as_ref().unwrap(), start, stream(1, "motion"))
+        let things: Vec<[f64; 2]> = scenario.world.movables.iter().map(|thing| thing.at).collect();
+        Dynamic::new(scenario, scenario.body.as_ref().unwrap(), start, &things, stream(1, "motion"))
     }
 
     /// Drive like this for some seconds; the highest speed and the highest acceleration ahead.

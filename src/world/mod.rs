@@ -37,11 +37,12 @@ pub use mover::Mover;
 pub use sensor::Sensor;
 pub use simulated::Simulated;
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::scenario::{Plan, Scenario};
 
-/// A scenario's world. Places do not change; how they look may, at given frames.
+/// A scenario's world. Places do not change; how they look may, at given frames, and what can be pushed lies where the run's robot
+/// has left it.
 #[derive(Debug)]
 pub struct World {
     /// Floor plan: distances and reachable places.
@@ -50,6 +51,8 @@ pub struct World {
     pub arena: Arena,
     /// What the camera sees of it, frame by frame.
     pub appearance: Appearance,
+    /// Where each thing that can be pushed lies, metres.
+    movables: Mutex<Vec<[f64; 2]>>,
 }
 
 impl World {
@@ -62,6 +65,20 @@ impl World {
     /// Never for a scenario from [`Scenario::load`], whose checks include the floor plan.
     pub fn new(scenario: &Scenario) -> Result<Self, ::image::ImageError> {
         let plan = Arc::new(Plan::new(scenario).expect("a checked scenario has a floor plan"));
-        Ok(World { plan, arena: Arena::new(&scenario.world.walls), appearance: Appearance::new(scenario)? })
+        let movables = Mutex::new(scenario.world.movables.iter().map(|thing| thing.at).collect());
+        Ok(World { plan, arena: Arena::new(&scenario.world.walls), appearance: Appearance::new(scenario)?, movables })
+    }
+
+    /// Where each thing that can be pushed lies, metres: where trials find it.
+    pub fn movables(&self) -> Vec<[f64; 2]> {
+        self.movables.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// The things that can be pushed lie here now; places of another number of things are not taken.
+    pub fn set_movables(&self, places: Vec<[f64; 2]>) {
+        let mut movables = self.movables.lock().unwrap_or_else(PoisonError::into_inner);
+        if places.len() == movables.len() {
+            *movables = places;
+        }
     }
 }
