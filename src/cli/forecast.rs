@@ -76,7 +76,7 @@ impl LogForecast {
             (frames * outcome.support_vectors as f64 / outcome.frames as f64).min(scenario.dictionary.budget as f64);
         // What transitions are worth is not in the messages.
         let of_policies = match scenario.value.method {
-            Method::Lspi => scenario.robot.actions().len() * scenario.tasks.len(),
+            Method::Lspi => scenario.robot.actions.len() * scenario.tasks.len(),
             Method::Local => 0,
         };
         let numbers = k * (1 + of_policies);

@@ -13,6 +13,7 @@ mod folder;
 mod forecast;
 mod import;
 mod info;
+pub mod program;
 mod progress;
 mod recover;
 mod replay;

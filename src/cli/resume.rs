@@ -30,10 +30,12 @@ pub fn resume(args: &ResumeArgs, stop: &Arc<AtomicBool>) -> Result<(), Ending> {
         eprintln!("{} has done all of its {actions} actions: there is nothing to go on with", args.run.display());
         return Ok(());
     }
-    drive::ending(go_on(args, &recording, scenario, stop), &args.run, args.json)
+    let open = |scenario: &Arc<Scenario>, world: &Arc<World>, last| robot::open(scenario, world, stop, last);
+    drive::ending(go_on(args, &recording, scenario, stop, open), &args.run, args.json)
 }
 
-fn can_go_on(run: &Path, recording: &Recording) -> Result<(), String> {
+/// Whether this program goes on with a recording.
+pub fn can_go_on(run: &Path, recording: &Recording) -> Result<(), String> {
     if let Some(of) = recording.metadata.get("replay_of") {
         return Err(format!("{} is a replay of {of}: there is no robot to go on with", run.display()));
     }
@@ -48,11 +50,14 @@ fn can_go_on(run: &Path, recording: &Recording) -> Result<(), String> {
     Ok(())
 }
 
-fn go_on(
+/// Go on with a recording; `open` gives the robot, whose frames come behind the number and the stamp of the last one that is
+/// recorded. The error is one for people.
+pub fn go_on(
     args: &ResumeArgs,
     recording: &Recording,
     scenario: Arc<Scenario>,
     stop: &Arc<AtomicBool>,
+    open: impl FnOnce(&Arc<Scenario>, &Arc<World>, Option<(u64, u64)>) -> Result<Robot, Ending>,
 ) -> Result<Report, String> {
     let text = |error: &dyn std::fmt::Display| error.to_string();
     let world = Arc::new(World::new(&scenario).map_err(|e| text(&e))?);
@@ -92,8 +97,7 @@ fn go_on(
         curve = recording.curve(kept.frame, &scenario);
     }
     let last = course.last_frame().map(|number| (number, recording.last_stamp_ns));
-    let Robot { source: live, switches, is_real, voice } =
-        robot::open(&scenario, &world, stop, last).map_err(Ending::into_text)?;
+    let Robot { source: live, switches, is_real, voice } = open(&scenario, &world, last).map_err(Ending::into_text)?;
     if is_real {
         // It says nothing twice, whatever its clock does.
         expected.forget_robot();

@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 use super::Ending;
 #[cfg(not(feature = "ros2"))]
 use crate::live::serve::ServedRun;
-use crate::scenario::Scenario;
+use crate::scenario::{Body, Scenario};
 use crate::source::Source;
 use crate::source::live::{Live, Switches};
 use crate::world::{DynamicBase, Simulated, World};
@@ -48,6 +48,10 @@ pub fn open(
 ) -> Result<Robot, Ending> {
     let switches = Switches { stop: stop.clone(), ..Switches::default() };
     let (source, voice): (Box<dyn Source + Send>, _) = match (&scenario.motion, &scenario.body) {
+        (None, _) if scenario.robot.body == Body::Program => {
+            let text = "robot.body = \"program\": another program drives this robot and calls the agent; see adagio.Agent in python/README.md";
+            return Err(Ending::Usage(text.into()));
+        }
         (None, _) => (Box::new(Simulated::new(scenario.clone(), world.clone())), None),
         (Some(motion), Some(body)) => {
             let base = DynamicBase::new(scenario.clone(), world.clone(), body.clone());

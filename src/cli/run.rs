@@ -52,8 +52,16 @@ fn server(args: &RunArgs) -> Result<Option<Server>, Ending> {
 /// Where the scenario says so, its budget is lowered to what fits instead: the scenario that is returned, and kept in
 /// the run's folder, is the one with the lower budget.
 pub fn load(path: &Path, sets: &[String]) -> Result<Scenario, Ending> {
-    let read =
-        |sets: &[String]| Scenario::load(path, sets).map_err(|error: ScenarioError| Ending::Usage(error.to_string()));
+    within_memory(path, sets, |sets| Scenario::load(path, sets))
+}
+
+/// The same of a scenario that is read in another way; `path` is for messages.
+pub fn within_memory(
+    path: &Path,
+    sets: &[String],
+    read: impl Fn(&[String]) -> Result<Scenario, ScenarioError>,
+) -> Result<Scenario, Ending> {
+    let read = |sets: &[String]| read(sets).map_err(|error| Ending::Usage(error.to_string()));
     let scenario = read(sets)?;
     scenario.notes.iter().for_each(|note| eprintln!("note: {}: {note}", path.display()));
     let machine = || agent::machine_memory().map(|bytes| bytes / 5 * 4);

@@ -51,7 +51,7 @@ pub fn optimal_steps(
     if in_goal(task, start.position) {
         return Some(0);
     }
-    let actions = robot.actions();
+    let actions = &robot.actions;
     let motions = actions.iter().map(|action| actions.motion(action));
     let motions: Vec<_> = motions.map(|motion| FrameMotion { length: motion.distance, angle: motion.angle }).collect();
     let key = |pose: &Pose| {

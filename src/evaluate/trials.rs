@@ -199,10 +199,9 @@ impl Evaluator {
         let heedless = learned.without_avoiding().filter(|_| without_reflexes);
         let tried = courses.iter().enumerate().map(|(task, course)| {
             let trials = self.run(learned, task, course, reflexes);
-            let unaided = without_reflexes.then(|| {
-                Outcome::new(&self.run(learned, task, course, reflexes.off()), &self.scenario.robot.actions())
-            });
-            let result = self.result(course, &Outcome::new(&trials, &self.scenario.robot.actions()), unaided.as_ref());
+            let unaided = without_reflexes
+                .then(|| Outcome::new(&self.run(learned, task, course, reflexes.off()), &self.scenario.robot.actions));
+            let result = self.result(course, &Outcome::new(&trials, &self.scenario.robot.actions), unaided.as_ref());
             let arrival = course.task.is_shown().then(|| self.arrival(course, &trials));
             let entries = |trials: &[Trial]| trials.iter().map(|trial| trial.entries).sum();
             let avoided = (!course.avoid.is_empty()).then(|| Avoided {
@@ -272,7 +271,7 @@ impl Evaluator {
             false_rate: share(declared - right, declared),
             distance_p50_m: quantile(0.5).copied(),
             distance_p99_m: quantile(0.99).copied(),
-            quality: self.quality(course, &Outcome::new(trials, &self.scenario.robot.actions())),
+            quality: self.quality(course, &Outcome::new(trials, &self.scenario.robot.actions)),
         }
     }
 

@@ -39,7 +39,7 @@ impl Reflexes {
     /// The reflexes of a scenario.
     pub fn new(scenario: &Scenario) -> Self {
         let (no_repeat_blocked, no_undo) = (scenario.policy.no_repeat_blocked, scenario.policy.no_undo_turn);
-        Reflexes { no_repeat_blocked, no_undo, ..Reflexes::all(&scenario.robot.actions()) }
+        Reflexes { no_repeat_blocked, no_undo, ..Reflexes::all(&scenario.robot.actions) }
     }
 
     /// Both reflexes, for the actions of a robot.
@@ -132,7 +132,11 @@ mod tests {
 
     #[test]
     fn robots_have_other_actions_than_three() {
-        let spec = |name, distance, angle, inverse| ActionSpec { name, motion: Motion { distance, angle }, inverse };
+        let spec = |name: &str, distance, angle, inverse| ActionSpec {
+            name: name.into(),
+            motion: Motion { distance, angle },
+            inverse,
+        };
         let actions = ActionSet::new(vec![
             spec("ahead", 0.2, 0.0, Some(3)),
             spec("left", 0.0, 0.5, Some(2)),

@@ -32,7 +32,7 @@ impl Walk {
             stop: settings.sonar_stop,
             heed: settings.sonar_heed,
             radius: scenario.robot.radius,
-            actions: scenario.robot.actions(),
+            actions: scenario.robot.actions.clone(),
             rng,
         }
     }

@@ -45,7 +45,7 @@ pub struct Motion {
 #[derive(Debug, Clone, PartialEq)]
 pub struct ActionSpec {
     /// Its name, as logs and reports have it.
-    pub name: &'static str,
+    pub name: Arc<str>,
     /// How it moves the robot.
     pub motion: Motion,
     /// The number of the action that undoes it, if there is one.
@@ -74,11 +74,11 @@ impl ActionSet {
     /// Forward by a distance in metres, and turns to both sides by an angle in radians, which undo each other.
     pub fn differential_drive(distance: f64, angle: f64) -> Self {
         let turn = |name, angle, inverse: Action| ActionSpec {
-            name,
+            name: Arc::from(name),
             motion: Motion { distance: 0.0, angle },
             inverse: Some(inverse.index()),
         };
-        let forward = ActionSpec { name: "forward", motion: Motion { distance, angle: 0.0 }, inverse: None };
+        let forward = ActionSpec { name: "forward".into(), motion: Motion { distance, angle: 0.0 }, inverse: None };
         ActionSet::new(vec![
             forward,
             turn("turn left", angle, Action::TURN_RIGHT),
@@ -103,8 +103,8 @@ impl ActionSet {
     }
 
     /// An action's name.
-    pub fn name(&self, action: Action) -> &'static str {
-        self.0[action.index()].name
+    pub fn name(&self, action: Action) -> &str {
+        &self.0[action.index()].name
     }
 
     /// How an action moves the robot.

@@ -3,7 +3,7 @@
 use nalgebra::{Point2, UnitComplex, Vector2};
 
 /// Position and heading on the floor.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Pose {
     /// Metres.
     pub position: Point2<f64>,

@@ -5,7 +5,8 @@ use nalgebra::Point2;
 use super::change::ChangeKind;
 use super::keys::Reader;
 use super::plan::{Plan, PlanFault, clearance};
-use super::sections::{Detail, Mode, Scenario, WhenBehind};
+use super::sections::{Body, Detail, Mode, Scenario, WhenBehind};
+use crate::robot::Motion;
 
 /// What stands before the name in a mark that takes others back.
 pub(crate) const FORGET: &str = "forget ";
@@ -21,7 +22,7 @@ pub(super) fn check(s: &Scenario, reader: &mut Reader<'_>) {
     bodies(s, reader);
     rooms(s, reader);
     if s.world.walls.is_empty() {
-        if reader.sound(&["world"]) {
+        if reader.sound(&["world"]) && s.robot.body != Body::Program {
             reader.fault_at(
                 "world.wall",
                 "is missing: a world needs at least one [[world.wall]] or [[world.room]]".into(),
@@ -56,7 +57,15 @@ fn bodies(s: &Scenario, reader: &mut Reader<'_>) {
             reader.fault_at(&format!("world.movable.{number}"), text);
         }
     }
-    if s.motion.is_none() {
+    if s.robot.body == Body::Program {
+        let still = |motion: Motion| motion.distance == 0.0 && motion.angle == 0.0;
+        let unknown = s.robot.actions.iter().find(|&action| still(s.robot.actions.motion(action)));
+        if let Some(action) = unknown.filter(|_| s.shows_any()) {
+            let text =
+                "= 0 and turn_deg = 0: goals that are shown need actions of which it is known how they move the robot";
+            reader.fault_at(&format!("action.{}.forward", action.index()), text.to_owned());
+        }
+    } else if s.motion.is_none() {
         return;
     }
     if let Some(name) = s.motion.as_ref().and_then(|motion| motion.safety.battery_task.as_ref())

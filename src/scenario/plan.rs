@@ -36,6 +36,9 @@ impl Plan {
     /// Side of the cells on which reachability is decided, metres.
     pub const CELL: f64 = 0.05;
 
+    /// Without walls nobody knows the floor: this far from the start to each side stands for it in drawings, metres.
+    const UNKNOWN: f64 = 2.0;
+
     /// Reward of a task for an action that ended at a place.
     pub fn reward(&self, task: &Task, position: Point2<f64>) -> f64 {
         if in_goal(task, position) {
@@ -56,7 +59,8 @@ impl Plan {
         let points = segments.iter().flat_map(|(a, b)| [a, b]);
         let start = Point2::from(scenario.robot.start);
         let (low, high) = points.fold((start, start), |(low, high), p| (low.inf(p), high.sup(p)));
-        let margin = Vector2::repeat(2.0 * Self::CELL);
+        let unknown = segments.is_empty();
+        let margin = Vector2::repeat(if unknown { Self::UNKNOWN } else { 2.0 * Self::CELL });
         let (low, high) = (low - margin, high + margin);
         let size = [0, 1]
             .map(|axis| ((high[axis] - low[axis]) / Self::CELL).ceil() as usize)
@@ -65,7 +69,10 @@ impl Plan {
             return Err(PlanFault::TooLarge(high.x - low.x, high.y - low.y));
         }
         let radius = scenario.robot.radius;
-        let mut plan = Plan { segments, low, size, reachable: vec![false; size[0] * size[1]], radius };
+        let mut plan = Plan { segments, low, size, reachable: vec![unknown; size[0] * size[1]], radius };
+        if unknown {
+            return Ok(plan);
+        }
         let clearance = plan.clearance(start);
         if clearance < radius {
             return Err(PlanFault::StartBlocked(clearance));

@@ -2,6 +2,7 @@
 
 pub mod imported;
 pub mod live;
+pub mod program;
 mod recorded;
 mod segments;
 

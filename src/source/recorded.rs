@@ -157,7 +157,7 @@ impl Recorded {
         }
         let action = match taken.action {
             FrameTaken::NO_ACTION => None,
-            number => Some(*Action::DRIVE.get(usize::from(number))?),
+            number => Some(self.scenario.robot.actions.get(usize::from(number))?),
         };
         Some(Frame {
             number: taken.frame,

@@ -33,7 +33,7 @@ pub struct Robot {
 impl Robot {
     /// A robot at a pose; `noise` draws its execution, odometry and sonar errors.
     pub fn new(settings: &scenario::Robot, pose: Pose, noise: ChaCha8Rng) -> Self {
-        Robot { pose, odometry: pose, settings: settings.clone(), actions: settings.actions(), noise }
+        Robot { pose, odometry: pose, settings: settings.clone(), actions: settings.actions.clone(), noise }
     }
 
     /// Draw how an action will be executed: the motion of each of its frames.

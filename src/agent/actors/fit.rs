@@ -138,7 +138,7 @@ impl FitPolicies {
             from.iter().zip(&actions).map(|(&place, &action)| (projected.cell[place], action)).collect();
         let weights = balance(&groups, settings.balance)?;
         let samples = Samples { phi: phi.as_ref(), actions: &actions, weights: &weights };
-        let problem = Lspi::new(samples, self.scenario.robot.actions().len(), self.par)?;
+        let problem = Lspi::new(samples, self.scenario.robot.actions.len(), self.par)?;
         let options = LspiOptions {
             gamma: settings.gamma,
             ridge: settings.ridge,
@@ -243,7 +243,7 @@ impl<'a> Tried<'a> {
     ) -> Result<Self, ValueError> {
         let mut sorted: Vec<&TaskTransition> = window.iter().collect();
         sorted.sort_by_key(|t| t.action);
-        let actions = scenario.robot.actions();
+        let actions = &scenario.robot.actions;
         let counts = actions.iter().map(|a| sorted.iter().filter(|t| t.action == a.index()).count()).collect();
         let points = points(model, projected.phi.as_ref(), scenario.value.metric_features);
         let at = |place: &dyn Fn(&TaskTransition) -> u64| {
@@ -295,7 +295,7 @@ impl Shown {
         let known = match marks.is_empty() {
             true => None,
             false => {
-                let steps = projected.steps(&scenario.robot.actions(), window);
+                let steps = projected.steps(&scenario.robot.actions, window);
                 let map = MetricMap::new(projected.phi.as_ref(), all.as_ref(), &steps, local_options(scenario));
                 map.map_err(text)?
             }

@@ -61,7 +61,7 @@ impl Perceive {
         Perceive {
             tasks: Arc::new(Tasks::new(&scenario, plan)),
             reflexes: Reflexes::new(&scenario),
-            actions: scenario.robot.actions(),
+            actions: scenario.robot.actions.clone(),
             scenario,
             timing,
             observer: Observer::default(),

@@ -76,7 +76,7 @@ pub fn write_log(
 
 impl Recorder {
     pub fn new(outbox: Outbox<Write>, scenario: Arc<Scenario>) -> Self {
-        Recorder { actions: scenario.robot.actions(), outbox, scenario }
+        Recorder { actions: scenario.robot.actions.clone(), outbox, scenario }
     }
 
     fn write<M: Message + Send + 'static>(

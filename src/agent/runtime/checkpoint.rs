@@ -196,7 +196,7 @@ pub fn read_checkpoint(bytes: &[u8], path: &Path) -> Result<(Learned, Scenario),
     } else {
         Some(Arc::new(Instances::new(single("instances")?, counts, options).map_err(damaged)?))
     };
-    let actions = scenario.robot.actions().len();
+    let actions = scenario.robot.actions.len();
     if let Some(found) = instances.as_ref().map(|instances| instances.counts().len()).filter(|&found| found != actions)
     {
         return Err(damaged(format!("its transitions are of {found} actions, and the robot has {actions}")));

@@ -1,5 +1,6 @@
 //! `[agent]`, `[log]`: how a run is made and kept.
 
+use super::robot::{Body, Robot};
 use crate::log::{Compression, MAX_CHUNK_TARGET_BYTES};
 use crate::scenario::keys::{Range, Section};
 
@@ -93,7 +94,9 @@ pub struct Log {
 }
 
 impl Agent {
-    pub(super) fn read(s: &mut Section<'_, '_>) -> Self {
+    pub(super) fn read(s: &mut Section<'_, '_>, robot: &Robot) -> Self {
+        // A program gives as many frames as it likes.
+        let resolve_frames = if robot.body == Body::Program { 1000 * robot.frames_per_action } else { 5000 };
         Agent {
             mode: s.choice(
                 "mode",
@@ -103,7 +106,7 @@ impl Agent {
             ),
             resolve_frames: s.count(
                 "resolve_frames",
-                5000,
+                resolve_frames,
                 "frames",
                 10,
                 1_000_000_000,
@@ -111,7 +114,7 @@ impl Agent {
             ),
             latency_frames: s.count(
                 "latency_frames",
-                2500,
+                resolve_frames / 2,
                 "frames",
                 0,
                 1_000_000_000,

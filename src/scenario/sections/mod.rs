@@ -1,5 +1,6 @@
 //! The sections of a scenario: every key with its unit, default, range and meaning.
 
+mod actions;
 mod agent;
 mod body;
 mod conduct;
@@ -85,6 +86,7 @@ impl Scenario {
             s.allow_sections(&[
                 "world",
                 "robot",
+                "action",
                 "motion",
                 "safety",
                 "body",
@@ -110,7 +112,8 @@ impl Scenario {
             )
         });
         let world = World::read(reader, base);
-        let robot = reader.section("robot", "", Robot::read);
+        let mut robot = reader.section("robot", "", Robot::read);
+        robot.actions = actions::read(reader, &robot);
         let (dynamic, on_ros2) = (robot.body == Body::Dynamic, robot.body == Body::Ros2);
         let motion = (dynamic || on_ros2).then(|| Motion::read(reader));
         let body = dynamic
@@ -131,17 +134,17 @@ impl Scenario {
             seed,
             actions,
             world,
-            robot,
+            robot: robot.clone(),
             motion,
             body,
             ros2,
             camera: reader.section("camera", "", Camera::read),
-            vision: reader.section("vision", "camera image to observation", Vision::read),
+            vision: reader.section("vision", "camera image to observation", |s| Vision::read(s, robot.body)),
             dictionary: reader.section("dictionary", "support vectors", Dictionary::read),
             slow: reader.section("slow", "slow features", Slow::read),
             value: reader.section("value", "what actions are worth", Value::read),
             policy: reader.section("policy", "exploration, pursuit, reflexes", Policy::read),
-            agent: reader.section("agent", "", Agent::read),
+            agent: reader.section("agent", "", |s| Agent::read(s, &robot)),
             evaluate: reader.section("evaluate", "", Evaluate::read),
             log: reader.section("log", "", Log::read),
             topics: reader.section("topics", "what another program's log calls its things", Topics::read),

@@ -12,6 +12,8 @@ pub enum Body {
     Dynamic,
     /// A robot on a ROS 2 network.
     Ros2,
+    /// Whatever another program makes of actions: it calls the agent with each image.
+    Program,
 }
 
 /// `[robot]`
@@ -27,6 +29,8 @@ pub struct Robot {
     pub forward: f64,
     /// Angle of the actions *left* and *right*, degrees.
     pub turn_deg: f64,
+    /// What it can do.
+    pub actions: ActionSet,
     /// Duration of an action, seconds.
     pub action_seconds: f64,
     /// Frames per action.
@@ -55,11 +59,6 @@ impl Robot {
     /// Time between frames, seconds.
     pub fn frame_seconds(&self) -> f64 {
         self.action_seconds / self.frames_per_action as f64
-    }
-
-    /// The actions of the robot: forward, and a turn to either side.
-    pub fn actions(&self) -> ActionSet {
-        ActionSet::differential_drive(self.forward, self.turn_deg.to_radians())
     }
 }
 
@@ -114,24 +113,40 @@ pub struct Vision {
 impl Robot {
     pub(super) fn read(s: &mut Section<'_, '_>) -> Self {
         let share = Range::within(0.0, 0.5);
+        let body = s.choice(
+            "body",
+            0,
+            &[
+                ("kinematic", Body::Kinematic),
+                ("dynamic", Body::Dynamic),
+                ("ros2", Body::Ros2),
+                ("program", Body::Program),
+            ],
+            "a simulated disc that is where an action leads, a simulated body with a mass that takes velocities, a robot, \
+             another program",
+        );
+        let called = body == Body::Program;
         Robot {
-            body: s.choice(
-                "body",
-                0,
-                &[("kinematic", Body::Kinematic), ("dynamic", Body::Dynamic), ("ros2", Body::Ros2)],
-                "a simulated disc that is where an action leads, a simulated body with a mass that takes velocities, a robot",
-            ),
+            body,
             pose_known: s.choice(
                 "pose",
-                0,
+                usize::from(called),
                 &[("known", true), ("none", false)],
                 "whether something measures where the robot is: for goals by coordinates, evaluation and plots",
             ),
             radius: s.number("radius", 0.25, "m", Range::above(0.0, 10.0), "Pioneer 3-DX: 0.25"),
             forward: s.number("forward", 0.30, "m", Range::above(0.0, 10.0), "length of the action forward"),
             turn_deg: s.number("turn_deg", 45.0, "degrees", Range::above(0.0, 180.0), "angle of a turn"),
+            actions: ActionSet::differential_drive(0.3, 0.8), // until [[action]] is read
             action_seconds: s.number("action_seconds", 1.0, "s", Range::above(0.0, 60.0), "duration of an action"),
-            frames_per_action: s.count("frames_per_action", 5, "frames", 1, 100, "camera frames per action"),
+            frames_per_action: s.count(
+                "frames_per_action",
+                if called { 1 } else { 5 },
+                "frames",
+                1,
+                100,
+                "camera frames per action",
+            ),
             forward_noise: s.number("forward_noise", 0.05, "share", share, "standard deviation of the executed length"),
             turn_noise: s.number("turn_noise", 0.05, "share", share, "standard deviation of the executed angle"),
             drift_deg: s.number("drift_deg", 1.0, "degrees", Range::within(0.0, 45.0), "heading noise of one forward"),
@@ -203,10 +218,11 @@ impl Vision {
         3 * self.width * self.height
     }
 
-    pub(super) fn read(s: &mut Section<'_, '_>) -> Self {
+    pub(super) fn read(s: &mut Section<'_, '_>, body: Body) -> Self {
         let cut_rows = s.count(
             "cut_rows",
-            80,
+            // What another program shows may have its best above.
+            if body == Body::Program { 0 } else { 80 },
             "px",
             0,
             4095,

@@ -160,7 +160,7 @@ impl Drive {
         let settings = motion.safety_of(scenario.robot.radius, equipment);
         let any_reward = scenario.tasks.iter().any(|task| task.topic.is_some());
         Drive {
-            actions: scenario.robot.actions(),
+            actions: scenario.robot.actions.clone(),
             interval: Duration::from_secs_f64(scenario.robot.frame_seconds()),
             rule: Rule::of(&scenario.robot),
             safety: Safety::new(settings),
@@ -301,7 +301,8 @@ impl Drive {
                 let blocked = end == MotionEnd::Blocked || end == MotionEnd::TimedOut && controller.share() < 0.5;
                 let action = *action;
                 if end == MotionEnd::TimedOut {
-                    self.note(format!("{} took too long: it ends where it is", self.actions.name(action)));
+                    let text = format!("{} took too long: it ends where it is", self.actions.name(action));
+                    self.note(text);
                 }
                 self.phase = Phase::Ending { action, blocked, from: self.measured };
             }

@@ -1,0 +1,234 @@
+//! A run that another program drives: it shows frames and takes actions, in its own loop.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::sync_channel;
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use super::robot::Robot;
+use super::run::{Extras, in_folder, within_memory};
+use super::{Ending, ResumeArgs, folder, resume};
+use crate::replay::Recording;
+use crate::report::Report;
+use crate::robot::{Action, Pose};
+use crate::scenario::{Body, Scenario};
+use crate::source::live::Switches;
+use crate::source::program::{Driver, Ends, Over, Shown, driven};
+use crate::source::{Mark, parse_goto, parse_mark};
+use crate::vision::Image;
+use crate::world::World;
+
+/// Where a scenario that was not read from a file says that it is from.
+const NO_FILE: &str = "agent.toml";
+
+/// A run that goes on beside the program that drives it.
+pub struct Session {
+    scenario: Arc<Scenario>,
+    run: PathBuf,
+    driver: Option<Driver>,
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<Result<Report, String>>>,
+    /// What goes with the next frame.
+    marks: Vec<Mark>,
+    goto: Option<String>,
+}
+
+/// What an action came to, beside the image that it ended with.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Step {
+    /// The true pose, where it is known.
+    pub pose: Option<Pose>,
+    /// Whether something stopped the robot.
+    pub blocked: bool,
+    /// Rewards of tasks by name; without a name, of all tasks whose rewards come from outside.
+    pub rewards: Vec<(Option<String>, f64)>,
+    /// Whether an episode has ended.
+    pub done: bool,
+}
+
+impl Session {
+    /// Begin a run: `scenario` is a file, or a text of TOML that was not in one; in the folder `out`, or a new one under `logs/`.
+    ///
+    /// # Errors
+    /// A scenario with faults, or one that is not for another program; a folder that exists.
+    pub fn begin(scenario: Result<&Path, &str>, sets: &[String], out: Option<&Path>) -> Result<Self, Ending> {
+        let path = scenario.unwrap_or(Path::new(NO_FILE));
+        let scenario = within_memory(path, sets, |sets| match scenario {
+            Ok(path) => Scenario::load(path, sets),
+            Err(text) => Scenario::parse(text, path, sets),
+        })?;
+        if scenario.robot.body != Body::Program {
+            let text = format!("{}: robot.body must be \"program\" where a program drives the robot", path.display());
+            return Err(Ending::Usage(text));
+        }
+        let scenario = Arc::new(scenario);
+        let world = Arc::new(World::new(&scenario)?);
+        let run = folder::create(out, &scenario)?;
+        let (driver, source) = driven(scenario.clone(), None);
+        let (stop, of_run) = (Arc::new(AtomicBool::new(false)), run.clone());
+        let (stopped, of_scenario) = (stop.clone(), scenario.clone());
+        let thread = spawn(move || {
+            let extras = Extras { quiet: true, report: true, sampler: None, server: None };
+            in_folder(&of_scenario, &world, robot(source, &stopped), &of_run, &extras, &stopped)
+        })?;
+        Ok(Session { scenario, run, driver: Some(driver), stop, thread: Some(thread), marks: Vec::new(), goto: None })
+    }
+
+    /// Go on with a run that was interrupted.
+    ///
+    /// # Errors
+    /// A folder that is no run, or none that this program can go on with.
+    pub fn resume(run: &Path) -> Result<Self, Ending> {
+        let recording = Recording::open(run)?;
+        resume::can_go_on(run, &recording)?;
+        let scenario = Arc::new(recording.scenario(&[]).map_err(Ending::usage)?);
+        if scenario.robot.body != Body::Program {
+            let text = format!("{}: its robot is driven by no program: adagio resume goes on with it", run.display());
+            return Err(Ending::Usage(text));
+        }
+        let stop = Arc::new(AtomicBool::new(false));
+        let args = ResumeArgs { run: run.to_owned(), no_report: false, quiet: true, json: false };
+        let (driver_out, driver_in) = sync_channel(1);
+        let (stopped, of_scenario) = (stop.clone(), scenario.clone());
+        let thread = spawn(move || {
+            let open = |scenario: &Arc<Scenario>, _: &Arc<World>, last| {
+                let (driver, source) = driven(scenario.clone(), last);
+                // Whoever waits for it is this session.
+                let _ = driver_out.send(driver);
+                Ok(robot(source, &stopped))
+            };
+            resume::go_on(&args, &recording, of_scenario, &stopped, open)
+        })?;
+        let driver = driver_in.recv().ok();
+        let run = run.to_owned();
+        let mut session = Session { scenario, run, driver, stop, thread: Some(thread), marks: Vec::new(), goto: None };
+        match session.driver {
+            Some(_) => Ok(session),
+            None => Err(Ending::Failed(session.why_over())),
+        }
+    }
+
+    /// What is run.
+    pub fn scenario(&self) -> &Scenario {
+        &self.scenario
+    }
+
+    /// The folder of the run.
+    pub fn run(&self) -> &Path {
+        &self.run
+    }
+
+    /// Show an image that was taken during an action.
+    ///
+    /// # Errors
+    /// See [`show`](Session::show).
+    pub fn observe(&mut self, image: Image, pose: Option<Pose>) -> Result<(), String> {
+        self.hand_over(image, pose, Ends::Nothing)
+    }
+
+    /// Show the image behind an action, and what that came to; the first image, and the first of an episode, belong to no action.
+    /// Unless the episode has ended, the [next action](Session::action) is decided on from here.
+    ///
+    /// # Errors
+    /// The run is over, with the reason; a reward of a task that does not exist, or that has no rewards from outside.
+    pub fn show(&mut self, image: Image, step: &Step) -> Result<(), String> {
+        let mut rewards = vec![f64::NAN; self.scenario.tasks.len()];
+        for (name, reward) in &step.rewards {
+            let takes = |number: &usize| self.scenario.tasks[*number].topic.is_some();
+            let named = |number: &usize| name.as_ref().is_none_or(|name| self.scenario.tasks[*number].name == *name);
+            let of: Vec<usize> = (0..rewards.len()).filter(takes).filter(named).collect();
+            if of.is_empty() {
+                let names = (0..rewards.len()).filter(takes).map(|number| self.scenario.tasks[number].name.as_str());
+                let names: Vec<&str> = names.collect();
+                let whose = name.as_ref().map_or(String::new(), |name| format!(" {name:?}"));
+                return Err(format!(
+                    "there is no task{whose} with reward = \"topic\", whose rewards come from outside: there are {names:?}"
+                ));
+            }
+            of.into_iter().for_each(|number| rewards[number] = *reward);
+        }
+        let rewards = if rewards.iter().all(|reward| reward.is_nan()) { Vec::new() } else { rewards };
+        self.hand_over(image, step.pose, Ends::Action { blocked: step.blocked, rewards, episode: step.done })
+    }
+
+    /// The action that is to follow what was shown last; none yet where it is not decided on within a time.
+    ///
+    /// # Errors
+    /// The run is over, with the reason.
+    pub fn action(&mut self, within: Duration) -> Result<Option<Action>, String> {
+        let action = self.driver.as_ref().map_or(Err(Over), |driver| driver.action(within));
+        action.map_err(|Over| self.why_over())
+    }
+
+    /// Mark the next image as the goal of a task that is shown, by its name; with `forget` and a space before it: nothing that was
+    /// marked counts any more.
+    ///
+    /// # Errors
+    /// There is no such task, or it is not shown.
+    pub fn mark(&mut self, text: &str) -> Result<(), String> {
+        self.marks.push(parse_mark(text, &self.scenario)?);
+        Ok(())
+    }
+
+    /// Send the robot to the goal of a task, from the next image on; to nothing: wherever the schedule has it go.
+    ///
+    /// # Errors
+    /// There is no such task.
+    pub fn goto(&mut self, task: &str) -> Result<(), String> {
+        parse_goto(task, &self.scenario)?;
+        self.goto = Some(task.to_owned());
+        Ok(())
+    }
+
+    /// End the run: the log is closed and the report written. What came of it, as `report.json` has it.
+    ///
+    /// # Errors
+    /// The run has failed, with the reason; it is over already.
+    pub fn close(&mut self) -> Result<Report, String> {
+        self.stop.store(true, Ordering::Relaxed);
+        self.driver = None;
+        match self.thread.take().map(JoinHandle::join) {
+            Some(Ok(result)) => result,
+            Some(Err(_)) => Err("the run has panicked".to_owned()),
+            None => Err("the run is over".to_owned()),
+        }
+    }
+
+    fn hand_over(&mut self, image: Image, truth: Option<Pose>, ends: Ends) -> Result<(), String> {
+        let goto = match ends {
+            Ends::Nothing => None,
+            Ends::Action { .. } => self.goto.take().and_then(|task| parse_goto(&task, &self.scenario).ok()),
+        };
+        let shown = Shown { image, truth, ends, marks: std::mem::take(&mut self.marks), goto };
+        let handed = self.driver.as_ref().map_or(Err(Over), |driver| driver.show(shown));
+        handed.map_err(|Over| self.why_over())
+    }
+
+    /// Why the run takes no more frames.
+    fn why_over(&mut self) -> String {
+        match self.close() {
+            Ok(report) => format!("the run is over: {} actions are done", report.run.actions),
+            Err(reason) => reason,
+        }
+    }
+}
+
+impl Drop for Session {
+    fn drop(&mut self) {
+        // Whoever wants to know what came of it closes it.
+        let _ = self.close();
+    }
+}
+
+fn spawn(
+    run: impl FnOnce() -> Result<Report, String> + Send + 'static,
+) -> Result<JoinHandle<Result<Report, String>>, Ending> {
+    Ok(std::thread::Builder::new().name("run".into()).spawn(run)?)
+}
+
+fn robot(source: crate::source::program::Driven, stop: &Arc<AtomicBool>) -> Robot {
+    let switches = Switches { stop: stop.clone(), ..Switches::default() };
+    Robot { source: Box::new(source), switches, voice: None, is_real: true }
+}
