@@ -30,6 +30,8 @@ pub struct Session {
     driver: Option<Driver>,
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<Result<Report, String>>>,
+    /// What came of it, once it is over.
+    outcome: Option<Result<Report, String>>,
     /// What goes with the next frame.
     marks: Vec<Mark>,
     goto: Option<String>,
@@ -73,7 +75,16 @@ impl Session {
             let extras = Extras { quiet: true, report: true, sampler: None, server: None };
             in_folder(&of_scenario, &world, robot(source, &stopped), &of_run, &extras, &stopped)
         })?;
-        Ok(Session { scenario, run, driver: Some(driver), stop, thread: Some(thread), marks: Vec::new(), goto: None })
+        Ok(Session {
+            scenario,
+            run,
+            driver: Some(driver),
+            stop,
+            thread: Some(thread),
+            outcome: None,
+            marks: Vec::new(),
+            goto: None,
+        })
     }
 
     /// Go on with a run that was interrupted.
@@ -103,7 +114,8 @@ impl Session {
         })?;
         let driver = driver_in.recv().ok();
         let run = run.to_owned();
-        let mut session = Session { scenario, run, driver, stop, thread: Some(thread), marks: Vec::new(), goto: None };
+        let mut session =
+            Session { scenario, run, driver, stop, thread: Some(thread), outcome: None, marks: Vec::new(), goto: None };
         match session.driver {
             Some(_) => Ok(session),
             None => Err(Ending::Failed(session.why_over())),
@@ -182,17 +194,19 @@ impl Session {
         Ok(())
     }
 
-    /// End the run: the log is closed and the report written. What came of it, as `report.json` has it.
+    /// End the run, if it is not over: the log is closed and the report written. What came of it, as `report.json` has it.
     ///
     /// # Errors
-    /// The run has failed, with the reason; it is over already.
-    pub fn close(&mut self) -> Result<Report, String> {
+    /// The run has failed, with the reason.
+    pub fn close(&mut self) -> Result<&Report, String> {
         self.stop.store(true, Ordering::Relaxed);
         self.driver = None;
-        match self.thread.take().map(JoinHandle::join) {
-            Some(Ok(result)) => result,
-            Some(Err(_)) => Err("the run has panicked".to_owned()),
-            None => Err("the run is over".to_owned()),
+        if let Some(thread) = self.thread.take() {
+            self.outcome = Some(thread.join().unwrap_or_else(|_| Err("the run has panicked".to_owned())));
+        }
+        match &self.outcome {
+            Some(outcome) => outcome.as_ref().map_err(Clone::clone),
+            None => Err("the run was never begun".to_owned()),
         }
     }
 
