@@ -212,6 +212,37 @@ impl Moments {
         Ok(())
     }
 
+    /// Add the sums over other frames; no derivative leads from one to the other.
+    ///
+    /// # Errors
+    /// Another number of coordinates; nothing is changed then.
+    pub fn append(&mut self, other: &Moments) -> Result<(), SlowError> {
+        SlowError::unless_fits("the number of coordinates in the other sums", other.size(), self.size())?;
+        self.frames += other.frames;
+        self.links += other.links;
+        self.sum += &other.sum;
+        self.square += &other.square;
+        self.derivative += &other.derivative;
+        Ok(())
+    }
+
+    /// The same frames with `by`, `m`, added to the coordinates of each.
+    ///
+    /// # Errors
+    /// Another number of values than of coordinates; nothing is changed then.
+    pub fn shift(&mut self, by: &[f64]) -> Result<(), SlowError> {
+        SlowError::unless_fits("the shift", by.len(), self.size())?;
+        // Σ(v + b)(v + b)ᵀ = Σvvᵀ + s bᵀ + b sᵀ + n b bᵀ with s = Σv.
+        for j in 0..self.size() {
+            for i in j..self.size() {
+                let cross = self.sum[(i, 0)] * by[j] + by[i] * self.sum[(j, 0)];
+                self.square[(i, j)] += cross + self.frames * by[i] * by[j];
+            }
+        }
+        (0..self.size()).for_each(|i| self.sum[(i, 0)] += self.frames * by[i]);
+        Ok(())
+    }
+
     /// Follow a dictionary that lost support vectors: the sums over the coordinates in the smaller one, exactly.
     ///
     /// # Errors
@@ -283,7 +314,7 @@ impl Persist for Moments {
 ///
 /// # Errors
 /// Another number of links than of frames, a first link without a frame before it, impossible times or weights.
-pub(super) fn rates(
+fn rates(
     v: MatRef<'_, f64>,
     links: &[Option<Link>],
     before: Option<MatRef<'_, f64>>,
