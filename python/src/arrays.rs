@@ -33,9 +33,12 @@ pub fn rows<'py, T: numpy::Element + Copy>(py: Python<'py>, matrix: MatRef<'_, T
     let mut values = Vec::with_capacity(matrix.nrows() * matrix.ncols());
     // Columns of a matrix may stand apart in storage.
     matrix.col_iter().for_each(|column| values.extend(column.iter().copied()));
-    let shape = (matrix.ncols(), matrix.nrows());
-    // There are as many values as the shape says.
-    Array2::from_shape_vec(shape, values)
-        .unwrap_or_else(|_| Array2::from_shape_fn((0, 0), |_| unreachable!()))
-        .into_pyarray(py)
+    table(py, values, matrix.ncols(), matrix.nrows())
+}
+
+/// `rows · columns` values as an array, without a copy.
+pub fn table<T: numpy::Element>(py: Python<'_>, values: Vec<T>, rows: usize, columns: usize) -> Bound<'_, PyArray2<T>> {
+    let array = Array2::from_shape_vec((rows, columns), values);
+    // Whoever calls has counted them; a panic is an exception.
+    array.expect("as many values as the shape says").into_pyarray(py)
 }

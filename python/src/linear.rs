@@ -2,7 +2,7 @@
 
 use std::sync::Mutex;
 
-use adagio::faer::Par;
+use adagio::faer::{MatMut, Par};
 use adagio::slow::{self, SlowError};
 use adagio::snapshot::{Snapshot, SnapshotError};
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
@@ -10,7 +10,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::arguments::Count;
-use crate::arrays::{columns, list, rows};
+use crate::arrays::{columns, list, rows, table};
 use crate::links::{Clock, Lengths, Times};
 use crate::state;
 use crate::threads::{in_blocks, lock, work};
@@ -161,8 +161,13 @@ impl LinearModel {
     /// Features of samples.
     fn apply<'py>(&self, py: Python<'py>, x: PyReadonlyArray2<'py, f64>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let x = columns(&x)?;
-        let y = work(py, || self.0.apply(x))?;
-        Ok(rows(py, y.as_ref()))
+        let (features, samples) = (self.0.outputs(), x.ncols());
+        let y = work(py, || {
+            let mut y = vec![0.0; features * samples];
+            let outputs = MatMut::from_column_major_slice_mut(&mut y, features, samples);
+            self.0.apply_into(x, outputs, Par::rayon(0)).map(|()| y)
+        })?;
+        Ok(table(py, y, samples, features))
     }
 }
 

@@ -1,12 +1,14 @@
 //! Linear slow feature analysis: affine functions `y(x) = Wᵀ(x − x̄)` of a signal that vary as slowly as possible.
 
-use faer::{Mat, MatRef, Par};
+use faer::linalg::matmul::matmul;
+use faer::{Accum, Mat, MatMut, MatRef, Par};
 
 use super::error::SlowError;
 use super::links::{Link, check_links, lagged};
 use super::moments::Moments;
 use super::reveal::decorrelated;
 use super::solve::{Method, SlowFeatures, SolveOptions, solve_with, sort};
+use crate::kernel::products::{join, near_half};
 
 /// The slowest affine functions of a signal.
 ///
@@ -142,12 +144,43 @@ impl LinearSfa {
     /// Frames of another length, weights and a mean that do not fit each other. Values that are not finite give outputs
     /// that are not.
     pub fn apply(&self, x: MatRef<'_, f64>) -> Result<Mat<f64>, SlowError> {
+        let mut outputs = Mat::zeros(self.outputs(), x.ncols());
+        self.apply_into(x, outputs.as_mut(), faer::get_global_parallelism())?;
+        Ok(outputs)
+    }
+
+    /// As [`LinearSfa::apply`], into a matrix that exists, `k × n`, on these threads. Their number does not change the bits.
+    ///
+    /// # Errors
+    /// Those of [`LinearSfa::apply`], a matrix of another size.
+    pub fn apply_into(&self, x: MatRef<'_, f64>, outputs: MatMut<'_, f64>, par: Par) -> Result<(), SlowError> {
         SlowError::unless_fits("a frame's number of values", x.nrows(), self.inputs())?;
         SlowError::unless_fits("the number of rows of W", self.weights.nrows(), self.inputs())?;
-        let centred = Mat::from_fn(x.nrows(), x.ncols(), |i, t| x[(i, t)] - self.mean[i]);
-        Ok(self.weights.transpose() * centred)
+        SlowError::unless_fits("the number of outputs", outputs.nrows(), self.outputs())?;
+        SlowError::unless_fits("the number of frames of the outputs", outputs.ncols(), x.ncols())?;
+        self.apply_to(x, outputs, par);
+        Ok(())
+    }
+
+    /// By halves, side by side, down to blocks that stay in the cache.
+    fn apply_to(&self, x: MatRef<'_, f64>, mut outputs: MatMut<'_, f64>, par: Par) {
+        let n = x.ncols();
+        if n > APPLIED {
+            let cut = near_half(n);
+            let (first, second) = outputs.split_at_col_mut(cut);
+            let (x, rest) = x.split_at_col(cut);
+            return join(par, |par| self.apply_to(x, first, par), |par| self.apply_to(rest, second, par));
+        }
+        let mut centred = x.to_owned();
+        for column in centred.as_mut().col_iter_mut() {
+            column.iter_mut().zip(&self.mean).for_each(|(value, mean)| *value -= mean);
+        }
+        matmul(outputs.as_mut(), Accum::Replace, self.weights.transpose(), centred.as_ref(), 1.0, Par::Seq);
     }
 }
+
+/// Frames whose outputs are computed in one product.
+const APPLIED: usize = 256;
 
 /// Mean of the columns of `x`, and the columns without it.
 ///

@@ -7,6 +7,7 @@ use super::linear::{LinearSfa, solve_all};
 use super::links::{Link, check_links};
 use super::moments::Moments;
 use super::solve::SlowFeatures;
+use crate::kernel::products::sum_of_squares;
 #[cfg(feature = "snapshot")]
 use crate::snapshot::{Persist, Snapshot, SnapshotError};
 
@@ -214,10 +215,6 @@ fn walk(
         std::mem::swap(&mut frame, last);
     }
     Ok(())
-}
-
-fn sum_of_squares(values: &[f64]) -> f64 {
-    values.iter().map(|value| value * value).sum()
 }
 
 /// It is restored into a new stream.

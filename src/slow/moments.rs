@@ -5,7 +5,7 @@ use faer::{Col, ColMut, Mat, MatRef, Par, unzip, zip};
 use super::error::SlowError;
 use super::links::{Link, check_links};
 use crate::dictionary::Thinning;
-use crate::kernel::products::{add_square, product};
+use crate::kernel::products::{add_square, join, product};
 #[cfg(feature = "snapshot")]
 use crate::snapshot::{Persist, Snapshot, SnapshotError};
 
@@ -87,8 +87,7 @@ impl Moments {
         self.frames += v.ncols() as f64;
         self.links += weight;
         self.sum_up(v, |_| 1.0);
-        add_square(self.square.as_mut(), v, self.par);
-        add_square(self.derivative.as_mut(), rates, self.par);
+        self.add_squares(v, rates);
         Ok(())
     }
 
@@ -130,9 +129,14 @@ impl Moments {
         for (t, weight) in weights.iter().enumerate() {
             scale(scaled.col_mut(t), weight.sqrt());
         }
-        add_square(self.square.as_mut(), scaled.as_ref(), self.par);
-        add_square(self.derivative.as_mut(), rates.as_ref(), self.par);
+        self.add_squares(scaled.as_ref(), rates.as_ref());
         Ok(())
+    }
+
+    /// Both side by side: two small products make better use of threads than one does.
+    fn add_squares(&mut self, v: MatRef<'_, f64>, rates: MatRef<'_, f64>) {
+        let (square, derivative) = (self.square.as_mut(), self.derivative.as_mut());
+        join(self.par, |par| add_square(square, v, par), |par| add_square(derivative, rates, par));
     }
 
     fn sum_up(&mut self, v: MatRef<'_, f64>, weight: impl Fn(usize) -> f64) {
