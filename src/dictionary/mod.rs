@@ -27,7 +27,7 @@
 //!
 //! At its budget an [`Ald`] stops growing, raises ν and thins out, or replaces its least independent members
 //! ([`WhenFull`]). Everything that was summed over coordinates follows a [`Thinning`] exactly. [`width_for_size`] finds the
-//! kernel width at which ALD keeps a given number.
+//! kernel width at which ALD keeps a given number; [`width_for_share`] is a start where nothing else is known.
 //!
 //! # Numerics
 //! Coordinates, residuals and the factor are `f64`. What a selection takes and the coordinates of observations have the same bits for
@@ -79,4 +79,4 @@ pub(crate) use newton::capacity;
 pub use newton::{Block, Dictionary, Thinning};
 pub use reservoir::Reservoir;
 pub use selection::{FeatureMap, Selection};
-pub use width::{WidthForSize, width_for_size};
+pub use width::{WidthForSize, width_for_share, width_for_size};

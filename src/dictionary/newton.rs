@@ -6,7 +6,7 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
 
 use super::DictionaryError;
-use crate::kernel::products::{for_columns, product, solve_lower};
+use crate::kernel::products::{for_columns, product, solve_lower, sum_of_squares};
 use crate::kernel::{self, Kernel, KernelError, Scalar, squared_norms};
 #[cfg(feature = "snapshot")]
 use crate::snapshot::{Persist, Snapshot, SnapshotError};
@@ -556,14 +556,6 @@ impl Panel {
             None => common[(i - before, j)],
         });
     }
-}
-
-fn sum_of_squares(values: &[f64]) -> f64 {
-    const LANES: usize = 8;
-    let mut sums = [0.0; LANES];
-    let (whole, rest) = values.as_chunks::<LANES>();
-    whole.iter().for_each(|chunk| sums.iter_mut().zip(chunk).for_each(|(sum, value)| *sum += value * value));
-    sums.iter().sum::<f64>() + rest.iter().map(|value| value * value).sum::<f64>()
 }
 
 /// Place and value of the largest entry, the first of equal ones; (0, −∞) if there is none.

@@ -25,6 +25,9 @@ const STEPS: usize = 20;
 const RESOLUTION: f64 = 1e-4;
 /// Observations that are judged together.
 const BLOCK: usize = 128;
+/// A width for a share is at least this share of the median distance: where half of a signal stands still, the search for a size
+/// would else go down to its noise.
+const NARROWEST: f64 = 0.5;
 
 /// The width σ at which ALD with threshold `nu` keeps `target` of the observations `x`, as nearly as any width does.
 ///
@@ -112,4 +115,46 @@ pub fn width_for_size<T: Scalar>(
     let best = tried.iter().copied().min_by_key(|&(_, size)| size.abs_diff(target));
     let (sigma, size) = best.ok_or_else(|| refuse(largest))?;
     Ok(WidthForSize { sigma, size, tried })
+}
+
+/// The width at which ALD with threshold `nu` keeps a `share` of the observations `x`, but at least half the median distance.
+///
+/// A start where nothing else is known; it needs no more than some hundred observations.
+///
+/// # Shapes
+/// `x: d × n`.
+///
+/// # Errors
+/// ν not positive; observations that are all equal, fewer than two, or not finite.
+///
+/// # Example
+/// ```
+/// use adagio::dictionary::width_for_share;
+/// use adagio::kernel::Kernel;
+/// use faer::{Mat, Par};
+///
+/// # fn main() -> Result<(), adagio::dictionary::DictionaryError> {
+/// // Few points span a line up to √ν: half the median distance of its points is wide enough.
+/// let line = Mat::from_fn(1, 201, |_, t| t as f64 / 200.0);
+/// let sigma = width_for_share(line.as_ref(), 0.01, 0.65, Kernel::gaussian, Par::Seq)?;
+/// assert!((sigma - 0.5 * (1.0 - 0.5f64.sqrt())).abs() < 0.01);
+/// # Ok(())
+/// # }
+/// ```
+pub fn width_for_share<T: Scalar>(
+    x: MatRef<'_, T>,
+    nu: f64,
+    share: f64,
+    kernel: impl Fn(f64) -> Result<Kernel, KernelError>,
+    par: Par,
+) -> Result<f64, DictionaryError> {
+    let median = median_distance(x)?;
+    let target = ((share * x.ncols() as f64).round() as usize).max(1);
+    let sigma = match width_for_size(x, nu, target, kernel, par) {
+        Ok(found) => found.sigma,
+        // So many observations do not differ at all.
+        Err(DictionaryError::Target { .. }) => 0.0,
+        Err(other) => return Err(other),
+    };
+    Ok(sigma.max(NARROWEST * median))
 }

@@ -139,6 +139,14 @@ fn solve_columns(l: MatRef<'_, f64>, x: MatMut<'_, f64>, par: Par) {
     join(par, |par| solve_columns(l, left, par), |par| solve_columns(l, right, par));
 }
 
+pub(crate) fn sum_of_squares(values: &[f64]) -> f64 {
+    const LANES: usize = 8;
+    let mut sums = [0.0; LANES];
+    let (whole, rest) = values.as_chunks::<LANES>();
+    whole.iter().for_each(|chunk| sums.iter_mut().zip(chunk).for_each(|(sum, value)| *sum += value * value));
+    sums.iter().sum::<f64>() + rest.iter().map(|value| value * value).sum::<f64>()
+}
+
 #[cfg(all(test, feature = "rayon"))]
 mod tests {
     use super::*;

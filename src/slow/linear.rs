@@ -1,12 +1,14 @@
 //! Linear slow feature analysis: affine functions `y(x) = Wᵀ(x − x̄)` of a signal that vary as slowly as possible.
 
-use faer::{Mat, MatRef, Par};
+use faer::linalg::matmul::matmul;
+use faer::{Accum, Mat, MatMut, MatRef, Par};
 
 use super::error::SlowError;
 use super::links::{Link, check_links, lagged};
-use super::moments::{Moments, rates};
+use super::moments::Moments;
 use super::reveal::decorrelated;
 use super::solve::{Method, SlowFeatures, SolveOptions, solve_with, sort};
+use crate::kernel::products::{join, near_half};
 
 /// The slowest affine functions of a signal.
 ///
@@ -24,7 +26,7 @@ use super::solve::{Method, SlowFeatures, SolveOptions, solve_with, sort};
 /// each other. Two things can't be had: a direction with less than about 10⁻⁶ of the amplitude of all channels that it is made
 /// of counts as none, and values beyond about 10¹⁵⁰ or below 10⁻¹⁵⁰ have no squares.
 ///
-/// For signals that do not fit into memory, [`LinearStream`] keeps the sums alone.
+/// For signals that do not fit into memory, [`LinearStream`](super::LinearStream) keeps the sums alone.
 ///
 /// ```
 /// use adagio::slow::{LinearSfa, Link};
@@ -142,12 +144,43 @@ impl LinearSfa {
     /// Frames of another length, weights and a mean that do not fit each other. Values that are not finite give outputs
     /// that are not.
     pub fn apply(&self, x: MatRef<'_, f64>) -> Result<Mat<f64>, SlowError> {
+        let mut outputs = Mat::zeros(self.outputs(), x.ncols());
+        self.apply_into(x, outputs.as_mut(), faer::get_global_parallelism())?;
+        Ok(outputs)
+    }
+
+    /// As [`LinearSfa::apply`], into a matrix that exists, `k × n`, on these threads. Their number does not change the bits.
+    ///
+    /// # Errors
+    /// Those of [`LinearSfa::apply`], a matrix of another size.
+    pub fn apply_into(&self, x: MatRef<'_, f64>, outputs: MatMut<'_, f64>, par: Par) -> Result<(), SlowError> {
         SlowError::unless_fits("a frame's number of values", x.nrows(), self.inputs())?;
         SlowError::unless_fits("the number of rows of W", self.weights.nrows(), self.inputs())?;
-        let centred = Mat::from_fn(x.nrows(), x.ncols(), |i, t| x[(i, t)] - self.mean[i]);
-        Ok(self.weights.transpose() * centred)
+        SlowError::unless_fits("the number of outputs", outputs.nrows(), self.outputs())?;
+        SlowError::unless_fits("the number of frames of the outputs", outputs.ncols(), x.ncols())?;
+        self.apply_to(x, outputs, par);
+        Ok(())
+    }
+
+    /// By halves, side by side, down to blocks that stay in the cache.
+    fn apply_to(&self, x: MatRef<'_, f64>, mut outputs: MatMut<'_, f64>, par: Par) {
+        let n = x.ncols();
+        if n > APPLIED {
+            let cut = near_half(n);
+            let (first, second) = outputs.split_at_col_mut(cut);
+            let (x, rest) = x.split_at_col(cut);
+            return join(par, |par| self.apply_to(x, first, par), |par| self.apply_to(rest, second, par));
+        }
+        let mut centred = x.to_owned();
+        for column in centred.as_mut().col_iter_mut() {
+            column.iter_mut().zip(&self.mean).for_each(|(value, mean)| *value -= mean);
+        }
+        matmul(outputs.as_mut(), Accum::Replace, self.weights.transpose(), centred.as_ref(), 1.0, Par::Seq);
     }
 }
+
+/// Frames whose outputs are computed in one product.
+const APPLIED: usize = 256;
 
 /// Mean of the columns of `x`, and the columns without it.
 ///
@@ -189,100 +222,8 @@ fn moments_of(x: MatRef<'_, f64>, differences: &[Differences]) -> Result<Moments
     Ok(moments)
 }
 
-/// Linear slow feature analysis of a signal that comes in blocks and is not kept.
-///
-/// The first frame is subtracted from all of them, so that channels far from zero do not lose their variance in the
-/// rounding of the squares.
-///
-/// ```
-/// use adagio::slow::{LinearStream, Link};
-/// use faer::Mat;
-///
-/// # fn main() -> Result<(), adagio::slow::SlowError> {
-/// let mut stream = LinearStream::new();
-/// let link = Some(Link { dt: 0.1, weight: 1.0 });
-/// for block in 0..20 {
-///     let x = Mat::from_fn(2, 50, |i, t| ([0.03, 0.9][i] * (block * 50 + t) as f64).sin());
-///     stream.push(x.as_ref(), &[link; 50])?;
-/// }
-/// let sfa = stream.solve(2, 0.0)?;
-/// assert!(sfa.slowness[0] < 0.01 * sfa.slowness[1]);
-/// # Ok(())
-/// # }
-/// ```
-#[derive(Debug, Clone)]
-pub struct LinearStream {
-    moments: Moments,
-    origin: Vec<f64>,
-    /// The last frame, less the origin; `d × 1`, or no column before the first.
-    last: Mat<f64>,
-}
-
-impl Default for LinearStream {
-    fn default() -> Self {
-        LinearStream::new()
-    }
-}
-
-impl LinearStream {
-    /// A stream without any frame yet.
-    pub fn new() -> LinearStream {
-        LinearStream { moments: Moments::new(Par::Seq), origin: Vec::new(), last: Mat::new() }
-    }
-
-    /// Take a block of frames; the link of the first frame of all is ignored.
-    ///
-    /// # Shapes
-    /// `x: d × b`, `links: b`.
-    ///
-    /// # Errors
-    /// Shapes that do not fit, impossible links, values that are not finite, or whose squares or squared derivatives are not;
-    /// nothing is changed then.
-    pub fn push(&mut self, x: MatRef<'_, f64>, links: &[Option<Link>]) -> Result<(), SlowError> {
-        SlowError::unless_finite("the signal is", x)?;
-        SlowError::unless_fits("the list of links", links.len(), x.ncols())?;
-        check_links(links)?;
-        if x.ncols() == 0 {
-            return Ok(());
-        }
-        let first = self.last.ncols() == 0;
-        let mut links = links.to_vec();
-        let origin = if first {
-            links[0] = None;
-            (0..x.nrows()).map(|i| x[(i, 0)]).collect()
-        } else {
-            self.origin.clone()
-        };
-        SlowError::unless_fits("a frame's number of values", x.nrows(), origin.len())?;
-        let moved = Mat::from_fn(x.nrows(), x.ncols(), |i, t| x[(i, t)] - origin[i]);
-        let (rates, weight) = rates(moved.as_ref(), &links, (!first).then_some(self.last.as_ref()))?;
-        // What is in the sums once stays there: a square that is not finite would spoil all that comes.
-        for (what, matrix) in [("the squares of the signal are", &moved), ("the squares of its derivative are", &rates)]
-        {
-            if !matrix.squared_norm_l2().is_finite() {
-                return Err(SlowError::NotFinite(what));
-            }
-        }
-        self.moments.widen(x.nrows())?;
-        self.moments.add(moved.as_ref(), rates.as_ref(), weight)?;
-        self.origin = origin;
-        self.last = moved.subcols(x.ncols() - 1, 1).to_owned();
-        Ok(())
-    }
-
-    /// The slowest affine functions of all frames so far.
-    ///
-    /// # Errors
-    /// Those of [`solve()`](super::solve()).
-    pub fn solve(&self, features: usize, lambda: f64) -> Result<LinearSfa, SlowError> {
-        let (SlowFeatures { weights, mean, slowness, .. }, rank_deficit) = solve_all(&self.moments, features, lambda)?;
-        let mean = self.origin.iter().enumerate().map(|(i, origin)| origin + mean[(i, 0)]).collect();
-        Ok(LinearSfa { weights, mean, slowness, rank_deficit })
-    }
-}
-
 /// All features' solution, which knows how many directions have variance; and how many coordinates more there are.
-fn solve_all(moments: &Moments, features: usize, lambda: f64) -> Result<(SlowFeatures, usize), SlowError> {
+pub(super) fn solve_all(moments: &Moments, features: usize, lambda: f64) -> Result<(SlowFeatures, usize), SlowError> {
     let options = SolveOptions { method: Method::Dense, ..Default::default() };
     let features = solve_with(moments, features, lambda, None, &options)?;
     let rank_deficit = features.rank_deficit().unwrap_or(0);

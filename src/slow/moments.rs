@@ -5,7 +5,7 @@ use faer::{Col, ColMut, Mat, MatRef, Par, unzip, zip};
 use super::error::SlowError;
 use super::links::{Link, check_links};
 use crate::dictionary::Thinning;
-use crate::kernel::products::{add_square, product};
+use crate::kernel::products::{add_square, join, product};
 #[cfg(feature = "snapshot")]
 use crate::snapshot::{Persist, Snapshot, SnapshotError};
 
@@ -87,8 +87,7 @@ impl Moments {
         self.frames += v.ncols() as f64;
         self.links += weight;
         self.sum_up(v, |_| 1.0);
-        add_square(self.square.as_mut(), v, self.par);
-        add_square(self.derivative.as_mut(), rates, self.par);
+        self.add_squares(v, rates);
         Ok(())
     }
 
@@ -130,9 +129,14 @@ impl Moments {
         for (t, weight) in weights.iter().enumerate() {
             scale(scaled.col_mut(t), weight.sqrt());
         }
-        add_square(self.square.as_mut(), scaled.as_ref(), self.par);
-        add_square(self.derivative.as_mut(), rates.as_ref(), self.par);
+        self.add_squares(scaled.as_ref(), rates.as_ref());
         Ok(())
+    }
+
+    /// Both side by side: two small products make better use of threads than one does.
+    fn add_squares(&mut self, v: MatRef<'_, f64>, rates: MatRef<'_, f64>) {
+        let (square, derivative) = (self.square.as_mut(), self.derivative.as_mut());
+        join(self.par, |par| add_square(square, v, par), |par| add_square(derivative, rates, par));
     }
 
     fn sum_up(&mut self, v: MatRef<'_, f64>, weight: impl Fn(usize) -> f64) {
@@ -212,6 +216,37 @@ impl Moments {
         Ok(())
     }
 
+    /// Add the sums over other frames; no derivative leads from one to the other.
+    ///
+    /// # Errors
+    /// Another number of coordinates; nothing is changed then.
+    pub fn append(&mut self, other: &Moments) -> Result<(), SlowError> {
+        SlowError::unless_fits("the number of coordinates in the other sums", other.size(), self.size())?;
+        self.frames += other.frames;
+        self.links += other.links;
+        self.sum += &other.sum;
+        self.square += &other.square;
+        self.derivative += &other.derivative;
+        Ok(())
+    }
+
+    /// The same frames with `by`, `m`, added to the coordinates of each.
+    ///
+    /// # Errors
+    /// Another number of values than of coordinates; nothing is changed then.
+    pub fn shift(&mut self, by: &[f64]) -> Result<(), SlowError> {
+        SlowError::unless_fits("the shift", by.len(), self.size())?;
+        // Σ(v + b)(v + b)ᵀ = Σvvᵀ + s bᵀ + b sᵀ + n b bᵀ with s = Σv.
+        for j in 0..self.size() {
+            for i in j..self.size() {
+                let cross = self.sum[(i, 0)] * by[j] + by[i] * self.sum[(j, 0)];
+                self.square[(i, j)] += cross + self.frames * by[i] * by[j];
+            }
+        }
+        (0..self.size()).for_each(|i| self.sum[(i, 0)] += self.frames * by[i]);
+        Ok(())
+    }
+
     /// Follow a dictionary that lost support vectors: the sums over the coordinates in the smaller one, exactly.
     ///
     /// # Errors
@@ -283,7 +318,7 @@ impl Persist for Moments {
 ///
 /// # Errors
 /// Another number of links than of frames, a first link without a frame before it, impossible times or weights.
-pub(super) fn rates(
+fn rates(
     v: MatRef<'_, f64>,
     links: &[Option<Link>],
     before: Option<MatRef<'_, f64>>,

@@ -41,6 +41,8 @@ use faer::{Accum, Mat, MatRef, Par, Side};
 use super::error::{discount, finite_list, finite_matrix, parameter};
 use super::{Fit, ValueError};
 use crate::kernel::products::map_all;
+#[cfg(feature = "snapshot")]
+use crate::snapshot::{Persist, Snapshot, SnapshotError};
 
 /// States whose neighbours are searched in one product.
 pub(super) const AT_ONCE: usize = 128;
@@ -312,6 +314,23 @@ impl Instances {
         };
         let sum: f64 = (0..k).map(|c| weights[(c, 0)]).sum();
         (0..k).map(|c| (near[c].1, weights[(c, 0)] / sum)).collect()
+    }
+}
+
+/// Restored into any other.
+#[cfg(feature = "snapshot")]
+impl Persist for Instances {
+    fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
+        let (mut points, mut counts, mut options) = (self.points.clone(), self.counts.clone(), self.options);
+        snapshot.matrix("points", &mut points, |rows, columns| (rows, columns))?;
+        snapshot.value("counts", &mut counts)?;
+        snapshot.value("neighbours", &mut options.neighbours)?;
+        snapshot.number("ridge", &mut options.ridge)?;
+        match Instances::new(points, counts, options) {
+            Ok(instances) => *self = instances,
+            Err(cause) => return snapshot.check("points", false, &cause.to_string()),
+        }
+        Ok(())
     }
 }
 

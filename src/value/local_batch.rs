@@ -4,6 +4,8 @@ use faer::{Mat, MatRef};
 
 use super::error::{finite_list, finite_matrix};
 use super::{Fit, Instances, Local, LocalOptions, LocalOutcomes, Policy, ValueError};
+#[cfg(feature = "snapshot")]
+use crate::snapshot::{Persist, Snapshot, SnapshotError};
 
 /// Transitions `(x, a, r, x′)` between points, ready for local values; [`Batch`](super::Batch) is the same for linear ones.
 ///
@@ -199,5 +201,24 @@ impl LocalValues {
     /// came, then those of action 1, and so on.
     pub fn fit(&self) -> &Fit {
         &self.fit
+    }
+}
+
+/// Restored into any other.
+#[cfg(feature = "snapshot")]
+impl Persist for LocalValues {
+    fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
+        snapshot.numbers("mean", &mut self.origin.mean)?;
+        snapshot.number("scale", &mut self.origin.scale)?;
+        snapshot.inner("instances", &mut self.instances)?;
+        snapshot.matrix("worth", &mut self.fit.weights, |rows, columns| (rows, columns))?;
+        snapshot.value("iterations", &mut self.fit.iterations)?;
+        snapshot.value("converged", &mut self.fit.converged)?;
+        snapshot.value("untried", &mut self.fit.untried)?;
+        snapshot.number("arrival", &mut self.arrival)?;
+        let worth = &self.fit.weights;
+        let fits = self.origin.mean.len() == self.instances.points().nrows()
+            && (worth.nrows(), worth.ncols()) == (self.instances.len(), 1);
+        snapshot.check("worth", fits, "the sizes do not fit each other")
     }
 }

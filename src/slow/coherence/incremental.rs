@@ -27,6 +27,8 @@ use faer::{Mat, MatRef};
 
 use super::{CoherenceError, LinearMap, check_features, check_frame, project, random_weights};
 use crate::slow::links::{Link, check_link};
+#[cfg(feature = "snapshot")]
+use crate::snapshot::{Persist, Snapshot, SnapshotError};
 
 /// Amnesic averages: frames of plain averaging, end of the first rise, its height, frames per unit after that (Weng 2003,
 /// as used by Kompella et al.).
@@ -87,6 +89,8 @@ impl Options {
 ///     power += phi(t) * phi(t) / n as f64;
 /// }
 /// assert!(product.abs() / (0.5 * power).sqrt() > 0.99);
+/// // √2 sin(t/50) has the slowness 1/50².
+/// assert!((stream.slowness()[0] * 50.0 * 50.0 - 1.0).abs() < 0.2);
 /// ```
 #[derive(Debug, Clone)]
 pub struct IncrementalSlow {
@@ -98,6 +102,8 @@ pub struct IncrementalSlow {
     /// Unit vectors `w_i`, `p × k`.
     minor: Mat<f64>,
     before: Option<Vec<f64>>,
+    /// Mean of `(ż·w_i)²`, `k`.
+    slowness: Vec<f64>,
     frames: usize,
     derivatives: usize,
 }
@@ -133,6 +139,7 @@ impl IncrementalSlow {
             fastest: PrincipalComponents::new(whitened, 1),
             minor,
             before: None,
+            slowness: vec![0.0; features],
             frames: 0,
             derivatives: 0,
         })
@@ -141,6 +148,12 @@ impl IncrementalSlow {
     /// Number of frames seen.
     pub fn frames(&self) -> usize {
         self.frames
+    }
+
+    /// Slowness of each feature, the mean square of its derivative, `k`: an amnesic average over about the last 2000 frames,
+    /// while the features themselves change.
+    pub fn slowness(&self) -> &[f64] {
+        &self.slowness
     }
 
     /// Take one frame; without a link there is no derivative to the frame before it.
@@ -198,7 +211,8 @@ impl IncrementalSlow {
     /// Turn the minor components by one derivative.
     fn turn(&mut self, mut rate: Vec<f64>) {
         self.derivatives += 1;
-        self.fastest.update(rate.clone(), amnesic_share(self.derivatives));
+        let share = amnesic_share(self.derivatives);
+        self.fastest.update(rate.clone(), share);
         let largest = self.fastest.variance(0);
         if largest <= 0.0 {
             return;
@@ -213,6 +227,7 @@ impl IncrementalSlow {
             let step = scheduled.min(LONGEST_STEP / (1.0 + length + i as f64));
             let mut pull: Vec<f64> = rate.clone();
             let along: f64 = self.minor.col(i).iter().zip(&rate).map(|(w, r)| w * r).sum();
+            self.slowness[i] += share * (along * along * largest - self.slowness[i]);
             pull.iter_mut().for_each(|value| *value *= along);
             for j in 0..i {
                 let overlap: f64 = (0..p).map(|row| self.minor[(row, j)] * self.minor[(row, i)]).sum();
@@ -228,6 +243,27 @@ impl IncrementalSlow {
     }
 }
 
+/// It is restored into one of the same number of inputs and the same options.
+#[cfg(feature = "snapshot")]
+impl Persist for IncrementalSlow {
+    fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
+        let sizes = |of: &Self| [of.mean.len(), of.minor.nrows(), of.minor.ncols(), of.slowness.len()];
+        let expected = sizes(self);
+        snapshot.numbers("mean", &mut self.mean)?;
+        snapshot.inner("whitening", &mut self.whitening)?;
+        snapshot.inner("fastest", &mut self.fastest)?;
+        snapshot.matrix("minor", &mut self.minor, |rows, columns| (rows, columns))?;
+        let mut before = self.before.take().unwrap_or_default();
+        snapshot.numbers("before", &mut before)?;
+        snapshot.numbers("slowness", &mut self.slowness)?;
+        snapshot.value("frames", &mut self.frames)?;
+        snapshot.value("derivatives", &mut self.derivatives)?;
+        self.before = (self.frames > 0).then_some(before);
+        let fits = sizes(self) == expected && self.before.as_ref().is_none_or(|before| before.len() == expected[0]);
+        snapshot.check("minor", fits, "the sizes do not fit each other")
+    }
+}
+
 /// Principal components that follow a stream of centred vectors (CCIPCA).
 #[derive(Debug, Clone)]
 struct PrincipalComponents {
@@ -235,6 +271,17 @@ struct PrincipalComponents {
     vectors: Mat<f64>,
     /// Variances `λ_j = ‖v_j‖`.
     variances: Vec<f64>,
+}
+
+#[cfg(feature = "snapshot")]
+impl Persist for PrincipalComponents {
+    fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
+        let sizes = |of: &Self| [of.vectors.nrows(), of.vectors.ncols(), of.variances.len()];
+        let expected = sizes(self);
+        snapshot.matrix("vectors", &mut self.vectors, |rows, columns| (rows, columns))?;
+        snapshot.numbers("variances", &mut self.variances)?;
+        snapshot.check("vectors", sizes(self) == expected, "the sizes do not fit each other")
+    }
 }
 
 impl PrincipalComponents {

@@ -17,8 +17,8 @@ use super::tasks::{ActionEnd, Tasks};
 use crate::agent::error::LearnError;
 use crate::agent::runtime::threads::parallelism;
 use crate::agent::runtime::timing::ModelTiming;
-use crate::dictionary::{Ald, DictionaryError, Parameters, Reservoir, Selection, width_for_size};
-use crate::kernel::{Kernel, KernelError, median_distance};
+use crate::dictionary::{Ald, DictionaryError, Parameters, Reservoir, Selection, width_for_share};
+use crate::kernel::{Kernel, KernelError};
 use crate::policy::columns;
 use crate::robot::Action;
 use crate::scenario::{self, Scenario, SelectionRule};
@@ -28,10 +28,6 @@ use crate::vision::Observation;
 
 /// How many new support vectors are gathered before retained frames get their coordinates.
 const SETTLE_AT: usize = 128;
-
-/// An automatic width is at least this share of the median distance of the first frames: where a robot stood still for
-/// long, the search for a size would else go down to the noise of the camera.
-const NARROWEST: f64 = 0.5;
 
 /// A frame to be learned from.
 pub struct Sample {
@@ -239,7 +235,13 @@ impl Learn {
         let settings = &self.scenario.dictionary;
         let sigma = match settings.sigma {
             Some(sigma) => sigma,
-            None => automatic_width(first, settings, self.par)?,
+            None => {
+                let kernel = |sigma| Kernel::radial(sigma, settings.exponent);
+                match width_for_share(first.as_ref(), settings.nu, settings.sigma_share, kernel, self.par) {
+                    Err(DictionaryError::Kernel(cause)) => return Err(cause.into()),
+                    found => found?,
+                }
+            }
         };
         self.stream_of_width(sigma)
     }
@@ -274,20 +276,6 @@ pub fn stream_options(scenario: &Scenario) -> StreamOptions {
         settle_at: SETTLE_AT,
         ..StreamOptions::default()
     }
-}
-
-/// The width at which the scenario's share of the first frames become support vectors, but not below [`NARROWEST`].
-fn automatic_width(first: &Mat<f32>, settings: &scenario::Dictionary, par: Par) -> Result<f64, BeginError> {
-    let median = median_distance(first.as_ref())?;
-    let target = ((settings.sigma_share * first.ncols() as f64).round() as usize).max(1);
-    let kernel = |sigma| Kernel::radial(sigma, settings.exponent);
-    let width = match width_for_size(first.as_ref(), settings.nu, target, kernel, par) {
-        Ok(found) => found.sigma,
-        // So many frames do not differ at all.
-        Err(DictionaryError::Target { .. }) => 0.0,
-        Err(other) => return Err(other.into()),
-    };
-    Ok(width.max(NARROWEST * median))
 }
 
 /// Why the stream could not begin.

@@ -1,0 +1,22 @@
+"""Slow feature analysis, support vectors and values of actions, from streams.
+
+All classes are estimators in the manner of scikit-learn. What they compute is the Rust library ``adagio``.
+
+========================  =============================================================
+:class:`SFA`              linear slow features of a series, or of a stream
+:class:`KernelSFA`        slow features that are smooth functions of the sample
+:class:`IncSFA`           slow features that follow a stream, without covariances
+:class:`ALD`              support vectors by approximate linear dependence
+:class:`LSPI`             values of actions, linear in features
+:class:`LocalValues`      values of actions, from the transitions nearby
+========================  =============================================================
+"""
+
+from ._ald import ALD
+from ._incremental import IncSFA
+from ._kernel import KernelSFA
+from ._linear import SFA
+from ._local import LocalValues
+from ._lspi import LSPI
+
+__all__ = ["ALD", "IncSFA", "KernelSFA", "LSPI", "LocalValues", "SFA"]

@@ -1,0 +1,122 @@
+"""The compiled part of ``adagio``; not for use from outside of the package."""
+
+import numpy as np
+import numpy.typing as npt
+
+_Floats = npt.NDArray[np.float64]
+_Ints = npt.NDArray[np.int64]
+_Flags = npt.NDArray[np.bool_]
+
+class LinearStream:
+    def __init__(self) -> None: ...
+    def push(self, x: _Floats, dt: float, lengths: list[int] | None = None, times: _Floats | None = None) -> None: ...
+    def solve(self, features: int | None, regularizer: float) -> LinearModel: ...
+    def __add__(self, other: LinearStream) -> LinearStream: ...
+
+class LinearModel:
+    def __init__(self, weights: _Floats, mean: _Floats, slowness: _Floats, rank_deficit: int) -> None: ...
+    weights: _Floats
+    mean: _Floats
+    slowness: _Floats
+    rank_deficit: int
+    def apply(self, x: _Floats) -> _Floats: ...
+
+class KernelStream:
+    def __init__(
+        self, sigma: float, exponent: float, nu: float, budget: int, when_full: str, retained: int
+    ) -> None: ...
+    def push(self, x: _Floats, dt: float, lengths: list[int] | None = None, times: _Floats | None = None) -> None: ...
+    def solve(self, features: int, regularizer: float) -> KernelModel: ...
+
+class KernelModel:
+    def __init__(
+        self,
+        sigma: float,
+        exponent: float,
+        support_vectors: _Floats,
+        projection: _Floats,
+        offset: _Floats,
+        slowness: _Floats,
+    ) -> None: ...
+    sigma: float
+    support_vectors: _Floats
+    slowness: _Floats
+    def apply(self, x: _Floats) -> _Floats: ...
+
+class IncrementalStream:
+    def __init__(
+        self,
+        inputs: int,
+        features: int,
+        whitened: int,
+        smallest_variance: float,
+        start: float,
+        peak: float,
+        ramp: int,
+        seed: int,
+    ) -> None: ...
+    weights: _Floats
+    slowness: _Floats
+    def push(self, x: _Floats, dt: float, lengths: list[int] | None = None, times: _Floats | None = None) -> None: ...
+    def apply(self, x: _Floats) -> _Floats: ...
+
+class Ald:
+    def __init__(self, sigma: float, exponent: float, nu: float, budget: int, when_full: str) -> None: ...
+    sigma: float
+    nu: float
+    support_vectors: _Floats
+    indices: _Ints
+    def observe(self, x: _Floats) -> None: ...
+    def coordinates(self, x: _Floats) -> _Floats: ...
+    def __len__(self) -> int: ...
+
+class ActionWeights:
+    def __init__(
+        self, weights: _Floats, iterations: int, converged: bool, cycle: int | None, untried: list[int]
+    ) -> None: ...
+    weights: _Floats
+    iterations: int
+    converged: bool
+    cycle: int | None
+    def action_values(self, phi: _Floats) -> _Floats: ...
+    def policy(self, phi: _Floats) -> _Ints: ...
+
+class LocalValues:
+    def __init__(self) -> None: ...
+    iterations: int
+    converged: bool
+    arrival: float
+    @staticmethod
+    def fit(
+        points: _Floats,
+        taken: _Ints,
+        rewards: _Floats,
+        next: _Floats,
+        ended: _Flags,
+        n_actions: int,
+        neighbours: int,
+        ridge: float,
+        gamma: float,
+    ) -> LocalValues: ...
+    def action_values(self, points: _Floats) -> _Floats: ...
+    def policy(self, points: _Floats) -> _Ints: ...
+
+def width_for_share(x: _Floats, nu: float, share: float, exponent: float) -> float: ...
+def lspi(
+    phi: _Floats,
+    taken: _Ints,
+    rewards: _Floats,
+    next: _Floats,
+    ended: _Flags,
+    weights: _Floats,
+    n_actions: int,
+    gamma: float,
+    ridge: float,
+    mixing: float,
+    max_iterations: int,
+    tolerance: float,
+    start: str,
+    seed: int,
+    soft: bool,
+    closeness: float | None,
+) -> ActionWeights: ...
