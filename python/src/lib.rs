@@ -3,6 +3,7 @@
 //! What users see are the Python files of `package/adagio`, which check arrays as scikit-learn does and keep parameters. What is
 //! computed is the library's. An array of samples × features in C order is the library's features × samples in columns: a view.
 
+mod agent;
 mod arguments;
 mod arrays;
 mod dictionary;
@@ -22,6 +23,8 @@ use pyo3::prelude::*;
 mod _adagio {
     use super::*;
 
+    #[pymodule_export]
+    use crate::agent::Agent;
     #[pymodule_export]
     use crate::dictionary::Ald;
     #[pymodule_export]

@@ -1,6 +1,7 @@
 """Slow feature analysis, support vectors and values of actions, from streams.
 
-All classes are estimators in the manner of scikit-learn. What they compute is the Rust library ``adagio``.
+`Agent` explores, learns and acts while a program drives a robot, or an environment, with it; :mod:`adagio.gym` does that for
+Gymnasium's. All other classes are estimators in the manner of scikit-learn. What they compute is the Rust library ``adagio``.
 
 ========================  =============================================================
 :class:`SFA`              linear slow features of a series, or of a stream
@@ -12,6 +13,7 @@ All classes are estimators in the manner of scikit-learn. What they compute is t
 ========================  =============================================================
 """
 
+from ._agent import Agent
 from ._ald import ALD
 from ._incremental import IncSFA
 from ._kernel import KernelSFA
@@ -19,4 +21,4 @@ from ._linear import SFA
 from ._local import LocalValues
 from ._lspi import LSPI
 
-__all__ = ["ALD", "IncSFA", "KernelSFA", "LSPI", "LocalValues", "SFA"]
+__all__ = ["ALD", "Agent", "IncSFA", "KernelSFA", "LSPI", "LocalValues", "SFA"]
