@@ -10,6 +10,7 @@ use adagio::robot::Pose;
 use adagio::vision::Image;
 use nalgebra::Point2;
 use numpy::{PyReadonlyArrayDyn, PyUntypedArrayMethods};
+use pyo3::create_exception;
 use pyo3::exceptions::{PyRuntimeError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 
@@ -32,6 +33,13 @@ struct Inner {
     session: Session,
     /// A frame was shown, and its action was not taken yet: Ctrl-C has interrupted the call.
     owed: bool,
+}
+
+create_exception!(adagio, RunOver, PyRuntimeError, "The run is over: its last action is done, or it was closed.");
+
+/// Why a session takes no more.
+fn refused(session: &Session, reason: String) -> PyErr {
+    if session.is_over() { RunOver::new_err(reason) } else { PyRuntimeError::new_err(reason) }
 }
 
 /// How a command ended, as Python has it: a scenario that is not valid is a wrong value.
@@ -135,7 +143,8 @@ impl Agent {
     }
 
     /// Show what an action came to, and decide on the next; none at the end of an episode.
-    #[pyo3(signature = (image, rewards, pose, blocked, done))]
+    #[pyo3(signature = (image, rewards, pose, blocked, done, reset))]
+    #[allow(clippy::too_many_arguments)] // all of them are one call's
     fn act(
         &self,
         py: Python<'_>,
@@ -144,23 +153,24 @@ impl Agent {
         pose: Option<(f64, f64, f64)>,
         blocked: bool,
         done: bool,
+        reset: bool,
     ) -> PyResult<Option<usize>> {
         let image = image_of(&image)?;
         if let Some((_, reward)) = rewards.iter().find(|(_, reward)| !reward.is_finite()) {
             return Err(PyValueError::new_err(format!("reward = {reward}: it must be a finite number")));
         }
-        let step = Step { pose: pose_of(pose)?, blocked, rewards, done };
+        let step = Step { pose: pose_of(pose)?, blocked, rewards, done, reset };
         let mut inner = self.alone()?;
         let Inner { session, owed } = &mut *inner;
         if !*owed {
-            py.detach(|| session.show(image, &step)).map_err(PyRuntimeError::new_err)?;
+            py.detach(|| session.show(image, &step)).map_err(|reason| refused(session, reason))?;
             if done {
                 return Ok(None);
             }
             *owed = true;
         }
         loop {
-            let action = py.detach(|| session.action(PATIENCE)).map_err(PyRuntimeError::new_err)?;
+            let action = py.detach(|| session.action(PATIENCE)).map_err(|reason| refused(session, reason))?;
             if let Some(action) = action {
                 *owed = false;
                 return Ok(Some(action.index()));
@@ -179,7 +189,7 @@ impl Agent {
     ) -> PyResult<()> {
         let (image, pose) = (image_of(&image)?, pose_of(pose)?);
         let session = &mut self.alone()?.session;
-        py.detach(|| session.observe(image, pose)).map_err(PyRuntimeError::new_err)
+        py.detach(|| session.observe(image, pose)).map_err(|reason| refused(session, reason))
     }
 
     fn mark(&self, text: &str) -> PyResult<()> {

@@ -24,7 +24,7 @@ mod _adagio {
     use super::*;
 
     #[pymodule_export]
-    use crate::agent::Agent;
+    use crate::agent::{Agent, RunOver};
     #[pymodule_export]
     use crate::dictionary::Ald;
     #[pymodule_export]

@@ -48,6 +48,8 @@ pub struct Step {
     pub rewards: Vec<(Option<String>, f64)>,
     /// Whether an episode has ended.
     pub done: bool,
+    /// Whether the image is the first of an episode, and not what an action came to.
+    pub reset: bool,
 }
 
 impl Session {
@@ -127,6 +129,11 @@ impl Session {
         &self.scenario
     }
 
+    /// Whether the run is over as it should be: its last action is done, or it was closed.
+    pub fn is_over(&self) -> bool {
+        self.outcome.as_ref().is_some_and(Result::is_ok)
+    }
+
     /// The folder of the run.
     pub fn run(&self) -> &Path {
         &self.run
@@ -137,7 +144,7 @@ impl Session {
     /// # Errors
     /// See [`show`](Session::show).
     pub fn observe(&mut self, image: Image, pose: Option<Pose>) -> Result<(), String> {
-        self.hand_over(image, pose, Ends::Nothing)
+        self.hand_over(image, pose, false, Ends::Nothing)
     }
 
     /// Show the image behind an action, and what that came to; the first image, and the first of an episode, belong to no action.
@@ -162,7 +169,8 @@ impl Session {
             of.into_iter().for_each(|number| rewards[number] = *reward);
         }
         let rewards = if rewards.iter().all(|reward| reward.is_nan()) { Vec::new() } else { rewards };
-        self.hand_over(image, step.pose, Ends::Action { blocked: step.blocked, rewards, episode: step.done })
+        let ends = Ends::Action { blocked: step.blocked, rewards, episode: step.done };
+        self.hand_over(image, step.pose, step.reset, ends)
     }
 
     /// The action that is to follow what was shown last; none yet where it is not decided on within a time.
@@ -210,12 +218,12 @@ impl Session {
         }
     }
 
-    fn hand_over(&mut self, image: Image, truth: Option<Pose>, ends: Ends) -> Result<(), String> {
+    fn hand_over(&mut self, image: Image, truth: Option<Pose>, begins: bool, ends: Ends) -> Result<(), String> {
         let goto = match ends {
             Ends::Nothing => None,
             Ends::Action { .. } => self.goto.take().and_then(|task| parse_goto(&task, &self.scenario).ok()),
         };
-        let shown = Shown { image, truth, ends, marks: std::mem::take(&mut self.marks), goto };
+        let shown = Shown { image, truth, begins, ends, marks: std::mem::take(&mut self.marks), goto };
         let handed = self.driver.as_ref().map_or(Err(Over), |driver| driver.show(shown));
         handed.map_err(|Over| self.why_over())
     }

@@ -25,6 +25,8 @@ pub struct Shown {
     pub image: Image,
     /// The true pose, where it is known.
     pub truth: Option<Pose>,
+    /// It is the first of an episode: what was before has nothing to do with it.
+    pub begins: bool,
     /// What the frame ends.
     pub ends: Ends,
     /// What is marked with it.
@@ -104,7 +106,8 @@ impl Driver {
 impl Driven {
     /// Give frames until an action or an episode has ended; whether there may be more.
     fn run(&mut self, action: Option<Action>, give: &mut dyn FnMut(Frame) -> bool) -> bool {
-        while let Ok(Shown { image, truth, ends, marks, goto }) = self.shown.recv() {
+        while let Ok(Shown { image, truth, begins, ends, marks, goto }) = self.shown.recv() {
+            self.fresh |= begins;
             // The first frame of an episode ends whatever was before it.
             let action = action.filter(|_| !self.fresh);
             let (boundary, rewards, episode) = match ends {
@@ -183,7 +186,7 @@ mod tests {
         let program = std::thread::spawn(move || {
             let image = || Image { width: 1, height: 1, cropped: false, rgb: vec![7; 3] };
             let show = |ends: Ends| {
-                let shown = Shown { image: image(), truth: None, ends, marks: Vec::new(), goto: None };
+                let shown = Shown { image: image(), truth: None, begins: false, ends, marks: Vec::new(), goto: None };
                 driver.show(shown).unwrap();
             };
             let end = |episode: bool| Ends::Action { blocked: false, rewards: vec![0.5], episode };

@@ -13,6 +13,7 @@ Gymnasium's. All other classes are estimators in the manner of scikit-learn. Wha
 ========================  =============================================================
 """
 
+from ._adagio import RunOver
 from ._agent import Agent
 from ._ald import ALD
 from ._incremental import IncSFA
@@ -21,4 +22,4 @@ from ._linear import SFA
 from ._local import LocalValues
 from ._lspi import LSPI
 
-__all__ = ["ALD", "Agent", "IncSFA", "KernelSFA", "LSPI", "LocalValues", "SFA"]
+__all__ = ["ALD", "Agent", "IncSFA", "KernelSFA", "LSPI", "LocalValues", "RunOver", "SFA"]

@@ -83,7 +83,7 @@ class Agent:
     def tasks(self):
         return self._agent.tasks
 
-    def act(self, image, *, reward=None, pose=None, blocked=False, done=False):
+    def act(self, image, *, reward=None, pose=None, blocked=False, done=False, reset=False):
         """Show the image behind the last action, and decide on the next.
 
         Parameters
@@ -97,7 +97,9 @@ class Agent:
         blocked : bool
             Whether something stopped the last action.
         done : bool
-            Whether an episode has ended. The next image is the first of another one: what was before has nothing to do with it.
+            Whether an episode has ended. The next image is the first of another one.
+        reset : bool
+            Whether this image is the first of an episode, and not what the last action came to.
 
         Returns
         -------
@@ -108,10 +110,12 @@ class Agent:
         ------
         TypeError, ValueError
             An image of another type or shape; a reward that is not finite, or of a task that does not exist.
+        RunOver
+            The run is over: its last action is done, or it was closed. It is a RuntimeError.
         RuntimeError
-            The run is over: its last action is done, it has failed, or it was closed.
+            The run has failed, with the reason.
         """
-        return self._agent.act(_pixels(image), _rewards(reward), _pose(pose), bool(blocked), bool(done))
+        return self._agent.act(_pixels(image), _rewards(reward), _pose(pose), bool(blocked), bool(done), bool(reset))
 
     def observe(self, image, *, pose=None):
         """Show an image that was taken during an action: features learn from it, too. Parameters are those of `act`."""
