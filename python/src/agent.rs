@@ -5,7 +5,7 @@ use std::sync::{Mutex, MutexGuard, TryLockError};
 use std::time::Duration;
 
 use adagio::cli::Ending;
-use adagio::cli::program::{Session, Step};
+use adagio::cli::program::{Session, SessionError, Step};
 use adagio::robot::Pose;
 use adagio::vision::Image;
 use nalgebra::Point2;
@@ -23,27 +23,26 @@ const MOST_PIXELS: usize = 1 << 26;
 /// A run that a Python program drives.
 #[pyclass(frozen, module = "adagio._adagio")]
 pub struct Agent {
-    inner: Mutex<Inner>,
+    session: Mutex<Session>,
     run: PathBuf,
     actions: Vec<String>,
     tasks: Vec<String>,
 }
 
-struct Inner {
-    session: Session,
-    /// A frame was shown, and its action was not taken yet: Ctrl-C has interrupted the call.
-    owed: bool,
-}
-
 create_exception!(adagio, RunOver, PyRuntimeError, "The run is over: its last action is done, or it was closed.");
 
-/// Why a session takes no more.
-fn refused(session: &Session, reason: String) -> PyErr {
-    if session.is_over() { RunOver::new_err(reason) } else { PyRuntimeError::new_err(reason) }
+/// Why a session refuses something, as Python has it.
+fn refused(cause: SessionError) -> PyErr {
+    let text = cause.to_string();
+    match cause {
+        SessionError::Wrong(_) => PyValueError::new_err(text),
+        SessionError::Over(_) => RunOver::new_err(text),
+        SessionError::Turn(_) | SessionError::Failed(_) => PyRuntimeError::new_err(text),
+    }
 }
 
 /// How a command ended, as Python has it: a scenario that is not valid is a wrong value.
-fn raised(ending: Ending) -> PyErr {
+pub fn raised(ending: Ending) -> PyErr {
     match ending {
         Ending::Usage(text) => PyValueError::new_err(text),
         Ending::Failed(text) | Ending::DataLoss(text) => PyRuntimeError::new_err(text),
@@ -83,6 +82,16 @@ fn pose_of(pose: Option<(f64, f64, f64)>) -> PyResult<Option<Pose>> {
     Ok(Some(Pose::new(Point2::new(x, y), heading)))
 }
 
+/// The action behind what was shown last, when it is decided on.
+fn decided(py: Python<'_>, session: &mut Session) -> PyResult<usize> {
+    loop {
+        if let Some(action) = py.detach(|| session.action(PATIENCE)).map_err(refused)? {
+            return Ok(action.index());
+        }
+        py.check_signals()?;
+    }
+}
+
 impl Agent {
     fn of(session: Session) -> Self {
         let scenario = session.scenario();
@@ -90,13 +99,13 @@ impl Agent {
         let actions = set.iter().map(|action| set.name(action).to_owned()).collect();
         let tasks = scenario.names().map(str::to_owned).collect();
         let run = session.run().to_owned();
-        Agent { inner: Mutex::new(Inner { session, owed: false }), run, actions, tasks }
+        Agent { session: Mutex::new(session), run, actions, tasks }
     }
 
     /// Calls of two threads at a time would mix their frames.
-    fn alone(&self) -> PyResult<MutexGuard<'_, Inner>> {
-        match self.inner.try_lock() {
-            Ok(inner) => Ok(inner),
+    fn alone(&self) -> PyResult<MutexGuard<'_, Session>> {
+        match self.session.try_lock() {
+            Ok(session) => Ok(session),
             Err(TryLockError::Poisoned(poisoned)) => Ok(poisoned.into_inner()),
             Err(TryLockError::WouldBlock) => {
                 Err(PyRuntimeError::new_err("another thread is in a call of this agent: one at a time"))
@@ -142,7 +151,7 @@ impl Agent {
         self.tasks.clone()
     }
 
-    /// Show what an action came to, and decide on the next; none at the end of an episode.
+    /// Show what an action came to, and decide on the next; none at the end of an episode. Behind Ctrl-C, the action that is owed.
     #[pyo3(signature = (image, rewards, pose, blocked, done, reset))]
     #[allow(clippy::too_many_arguments)] // all of them are one call's
     fn act(
@@ -160,23 +169,16 @@ impl Agent {
             return Err(PyValueError::new_err(format!("reward = {reward}: it must be a finite number")));
         }
         let step = Step { pose: pose_of(pose)?, blocked, rewards, done, reset };
-        let mut inner = self.alone()?;
-        let Inner { session, owed } = &mut *inner;
-        if !*owed {
-            py.detach(|| session.show(image, &step)).map_err(|reason| refused(session, reason))?;
-            if done {
-                return Ok(None);
+        let session = &mut *self.alone()?;
+        // Ctrl-C has interrupted the call before: its action comes first, and is void where an episode begins.
+        if session.owes_action() {
+            let action = decided(py, session)?;
+            if !reset {
+                return Ok(Some(action));
             }
-            *owed = true;
         }
-        loop {
-            let action = py.detach(|| session.action(PATIENCE)).map_err(|reason| refused(session, reason))?;
-            if let Some(action) = action {
-                *owed = false;
-                return Ok(Some(action.index()));
-            }
-            py.check_signals()?;
-        }
+        py.detach(|| session.show(image, &step)).map_err(refused)?;
+        if done { Ok(None) } else { decided(py, session).map(Some) }
     }
 
     /// Show an image that was taken during an action.
@@ -188,21 +190,21 @@ impl Agent {
         pose: Option<(f64, f64, f64)>,
     ) -> PyResult<()> {
         let (image, pose) = (image_of(&image)?, pose_of(pose)?);
-        let session = &mut self.alone()?.session;
-        py.detach(|| session.observe(image, pose)).map_err(|reason| refused(session, reason))
+        let session = &mut *self.alone()?;
+        py.detach(|| session.observe(image, pose)).map_err(refused)
     }
 
     fn mark(&self, text: &str) -> PyResult<()> {
-        self.alone()?.session.mark(text).map_err(PyValueError::new_err)
+        self.alone()?.mark(text).map_err(PyValueError::new_err)
     }
 
     fn goto(&self, task: &str) -> PyResult<()> {
-        self.alone()?.session.goto(task).map_err(PyValueError::new_err)
+        self.alone()?.goto(task).map_err(PyValueError::new_err)
     }
 
     /// End the run; `report.json`.
     fn close(&self, py: Python<'_>) -> PyResult<String> {
-        let session = &mut self.alone()?.session;
+        let session = &mut *self.alone()?;
         let report = py.detach(|| session.close()).map_err(PyRuntimeError::new_err)?;
         serde_json::to_string(report).map_err(|error| PyRuntimeError::new_err(error.to_string()))
     }

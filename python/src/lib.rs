@@ -13,6 +13,7 @@ mod linear;
 mod links;
 mod local;
 mod lspi;
+mod recorded;
 mod state;
 mod threads;
 
@@ -37,6 +38,8 @@ mod _adagio {
     use crate::local::LocalValues;
     #[pymodule_export]
     use crate::lspi::{ActionWeights, lspi};
+    #[pymodule_export]
+    use crate::recorded::Recorded;
 
     #[pymodule_init]
     fn init(_module: &Bound<'_, PyModule>) -> PyResult<()> {

@@ -21,8 +21,7 @@ pub fn export(args: &ExportArgs) -> Result<(), Ending> {
 }
 
 fn written(args: &ExportArgs) -> Result<About, Ending> {
-    let recording = Recording::open(&args.run)?;
-    let scenario = Arc::new(recording.scenario(&[]).map_err(Ending::usage)?);
+    let (recording, scenario) = recorded(&args.run)?;
     let model = match &args.model {
         Some(path) => Some(model_of(path)?),
         None => match model_of(&args.run) {
@@ -42,16 +41,34 @@ fn written(args: &ExportArgs) -> Result<About, Ending> {
     about.map_err(|error| format!("{error}\nwhat is in {} is not complete", out.display()).into())
 }
 
+/// A recorded run, and its scenario.
+///
+/// # Errors
+/// A folder that is no run.
+pub fn recorded(run: &Path) -> Result<(Recording, Arc<Scenario>), Ending> {
+    let recording = Recording::open(run)?;
+    let scenario = Arc::new(recording.scenario(&[]).map_err(Ending::usage)?);
+    Ok((recording, scenario))
+}
+
 /// What a run learned, or what a checkpoint holds.
-fn model_of(path: &Path) -> Result<Model, Ending> {
+///
+/// # Errors
+/// There is no model.
+pub fn model_of(path: &Path) -> Result<Model, Ending> {
     let is_checkpoint = path.is_file() && path.extension().is_some_and(|extension| extension == "safetensors");
     let (learned, scenario) = if is_checkpoint { folder::checkpoint(path)? } else { folder::learned(path)? };
     Ok(Model { learned, scenario, path: path.to_owned() })
 }
 
-/// Observations of another size are not what a model knows.
+/// Observations of another size, and other actions, are not what a model knows.
 fn fits(model: &Model, scenario: &Scenario) -> Result<(), Ending> {
     let (of_model, of_run) = (&model.scenario.vision, &scenario.vision);
+    let (known, found) = (model.learned.actions(), scenario.robot.actions.len());
+    if known != found {
+        let path = model.path.display();
+        return Err(Ending::Usage(format!("the model of {path} knows {known} actions, the run has {found}")));
+    }
     if (of_model.width, of_model.height) == (of_run.width, of_run.height) {
         return Ok(());
     }

@@ -8,7 +8,7 @@ mod doctor;
 mod drive;
 mod evaluate;
 mod experiment;
-mod export;
+pub mod export;
 mod folder;
 mod forecast;
 mod import;

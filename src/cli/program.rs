@@ -7,6 +7,8 @@ use std::sync::mpsc::sync_channel;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use thiserror::Error;
+
 use super::robot::Robot;
 use super::run::{Extras, in_folder, within_memory};
 use super::{Ending, ResumeArgs, folder, resume};
@@ -17,11 +19,14 @@ use crate::scenario::{Body, Scenario};
 use crate::source::live::Switches;
 use crate::source::program::{Driver, Ends, Over, Shown, driven};
 use crate::source::{Mark, parse_goto, parse_mark};
-use crate::vision::Image;
+use crate::vision::{Image, check_size};
 use crate::world::World;
 
 /// Where a scenario that was not read from a file says that it is from.
 const NO_FILE: &str = "agent.toml";
+
+/// Why nothing can be done in a forked process.
+const FORKED: &str = "the run belongs to the process that began it: a forked one cannot drive it";
 
 /// A run that goes on beside the program that drives it.
 pub struct Session {
@@ -32,9 +37,40 @@ pub struct Session {
     thread: Option<JoinHandle<Result<Report, String>>>,
     /// What came of it, once it is over.
     outcome: Option<Result<Report, String>>,
+    turn: Turn,
     /// What goes with the next frame.
     marks: Vec<Mark>,
     goto: Option<String>,
+    /// The process that has the threads: a forked one has none of them.
+    process: u32,
+}
+
+/// Whose turn it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Turn {
+    /// The program's, with an image that belongs to no action.
+    First,
+    /// The agent's: an image was shown, and the action behind it was not taken yet.
+    Decide,
+    /// The program's, with what the action came to.
+    Show,
+}
+
+/// Why a session refuses what it is asked for.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+pub enum SessionError {
+    /// What it was given is wrong. Nothing has happened.
+    #[error("{0}")]
+    Wrong(String),
+    /// This is not the moment for it. Nothing has happened.
+    #[error("{0}")]
+    Turn(&'static str),
+    /// All actions are done, or it was closed.
+    #[error("the run is over: {0} actions are done")]
+    Over(u64),
+    /// The run has failed.
+    #[error("{0}")]
+    Failed(String),
 }
 
 /// What an action came to, beside the image that it ended with.
@@ -77,16 +113,7 @@ impl Session {
             let extras = Extras { quiet: true, report: true, sampler: None, server: None };
             in_folder(&of_scenario, &world, robot(source, &stopped), &of_run, &extras, &stopped)
         })?;
-        Ok(Session {
-            scenario,
-            run,
-            driver: Some(driver),
-            stop,
-            thread: Some(thread),
-            outcome: None,
-            marks: Vec::new(),
-            goto: None,
-        })
+        Ok(Session::of(scenario, run, Some(driver), stop, thread))
     }
 
     /// Go on with a run that was interrupted.
@@ -116,22 +143,27 @@ impl Session {
         })?;
         let driver = driver_in.recv().ok();
         let run = run.to_owned();
-        let mut session =
-            Session { scenario, run, driver, stop, thread: Some(thread), outcome: None, marks: Vec::new(), goto: None };
+        let mut session = Session::of(scenario, run, driver, stop, thread);
         match session.driver {
             Some(_) => Ok(session),
-            None => Err(Ending::Failed(session.why_over())),
+            None => Err(session.why_over().into()),
         }
+    }
+
+    fn of(
+        scenario: Arc<Scenario>,
+        run: PathBuf,
+        driver: Option<Driver>,
+        stop: Arc<AtomicBool>,
+        thread: JoinHandle<Result<Report, String>>,
+    ) -> Self {
+        let (thread, outcome, turn, process) = (Some(thread), None, Turn::First, std::process::id());
+        Session { scenario, run, driver, stop, thread, outcome, turn, marks: Vec::new(), goto: None, process }
     }
 
     /// What is run.
     pub fn scenario(&self) -> &Scenario {
         &self.scenario
-    }
-
-    /// Whether the run is over as it should be: its last action is done, or it was closed.
-    pub fn is_over(&self) -> bool {
-        self.outcome.as_ref().is_some_and(Result::is_ok)
     }
 
     /// The folder of the run.
@@ -142,8 +174,13 @@ impl Session {
     /// Show an image that was taken during an action.
     ///
     /// # Errors
-    /// See [`show`](Session::show).
-    pub fn observe(&mut self, image: Image, pose: Option<Pose>) -> Result<(), String> {
+    /// No action was taken, see [`show`](Session::show) for the others.
+    pub fn observe(&mut self, image: Image, pose: Option<Pose>) -> Result<(), SessionError> {
+        if self.turn != Turn::Show {
+            let text = "no action is under way that this image could have been taken during: the first image of a run, and of an \
+                episode, is shown with act";
+            return Err(SessionError::Turn(text));
+        }
         self.hand_over(image, pose, false, Ends::Nothing)
     }
 
@@ -151,8 +188,12 @@ impl Session {
     /// Unless the episode has ended, the [next action](Session::action) is decided on from here.
     ///
     /// # Errors
-    /// The run is over, with the reason; a reward of a task that does not exist, or that has no rewards from outside.
-    pub fn show(&mut self, image: Image, step: &Step) -> Result<(), String> {
+    /// The run is over, with the reason; an image that is too small; a reward of a task that does not exist, or that has no rewards
+    /// from outside; the action behind the last image was not taken yet.
+    pub fn show(&mut self, image: Image, step: &Step) -> Result<(), SessionError> {
+        if self.owes_action() {
+            return Err(SessionError::Turn("the action behind the last image was not taken yet"));
+        }
         let mut rewards = vec![f64::NAN; self.scenario.tasks.len()];
         for (name, reward) in &step.rewards {
             let takes = |number: &usize| self.scenario.tasks[*number].topic.is_some();
@@ -162,23 +203,36 @@ impl Session {
                 let names = (0..rewards.len()).filter(takes).map(|number| self.scenario.tasks[number].name.as_str());
                 let names: Vec<&str> = names.collect();
                 let whose = name.as_ref().map_or(String::new(), |name| format!(" {name:?}"));
-                return Err(format!(
+                return Err(SessionError::Wrong(format!(
                     "there is no task{whose} with reward = \"topic\", whose rewards come from outside: there are {names:?}"
-                ));
+                )));
             }
             of.into_iter().for_each(|number| rewards[number] = *reward);
         }
         let rewards = if rewards.iter().all(|reward| reward.is_nan()) { Vec::new() } else { rewards };
         let ends = Ends::Action { blocked: step.blocked, rewards, episode: step.done };
-        self.hand_over(image, step.pose, step.reset, ends)
+        self.hand_over(image, step.pose, step.reset, ends)?;
+        self.turn = if step.done { Turn::First } else { Turn::Decide };
+        Ok(())
+    }
+
+    /// Whether an image was shown, and the action behind it was not taken yet.
+    pub fn owes_action(&self) -> bool {
+        self.turn == Turn::Decide
     }
 
     /// The action that is to follow what was shown last; none yet where it is not decided on within a time.
     ///
     /// # Errors
     /// The run is over, with the reason.
-    pub fn action(&mut self, within: Duration) -> Result<Option<Action>, String> {
-        let action = self.driver.as_ref().map_or(Err(Over), |driver| driver.action(within));
+    pub fn action(&mut self, within: Duration) -> Result<Option<Action>, SessionError> {
+        let action = match &self.driver {
+            Some(driver) if self.is_here() => driver.action(within),
+            _ => Err(Over),
+        };
+        if let Ok(Some(_)) = action {
+            self.turn = Turn::Show;
+        }
         action.map_err(|Over| self.why_over())
     }
 
@@ -207,6 +261,9 @@ impl Session {
     /// # Errors
     /// The run has failed, with the reason.
     pub fn close(&mut self) -> Result<&Report, String> {
+        if !self.is_here() {
+            return Err(FORKED.to_owned());
+        }
         self.stop.store(true, Ordering::Relaxed);
         self.driver = None;
         if let Some(thread) = self.thread.take() {
@@ -218,29 +275,42 @@ impl Session {
         }
     }
 
-    fn hand_over(&mut self, image: Image, truth: Option<Pose>, begins: bool, ends: Ends) -> Result<(), String> {
+    fn hand_over(&mut self, image: Image, truth: Option<Pose>, begins: bool, ends: Ends) -> Result<(), SessionError> {
+        check_size(&image, &self.scenario.vision).map_err(SessionError::Wrong)?;
         let goto = match ends {
             Ends::Nothing => None,
             Ends::Action { .. } => self.goto.take().and_then(|task| parse_goto(&task, &self.scenario).ok()),
         };
         let shown = Shown { image, truth, begins, ends, marks: std::mem::take(&mut self.marks), goto };
-        let handed = self.driver.as_ref().map_or(Err(Over), |driver| driver.show(shown));
+        let handed = match &self.driver {
+            Some(driver) if self.is_here() => driver.show(shown),
+            _ => Err(Over),
+        };
         handed.map_err(|Over| self.why_over())
     }
 
     /// Why the run takes no more frames.
-    fn why_over(&mut self) -> String {
+    fn why_over(&mut self) -> SessionError {
         match self.close() {
-            Ok(report) => format!("the run is over: {} actions are done", report.run.actions),
-            Err(reason) => reason,
+            Ok(report) => SessionError::Over(report.run.actions),
+            Err(reason) => SessionError::Failed(reason),
         }
+    }
+
+    fn is_here(&self) -> bool {
+        self.process == std::process::id()
     }
 }
 
 impl Drop for Session {
     fn drop(&mut self) {
-        // Whoever wants to know what came of it closes it.
-        let _ = self.close();
+        if self.is_here() {
+            // Whoever wants to know what came of it closes it.
+            let _ = self.close();
+        } else {
+            // There is nobody to wait for, and locks may be held for ever.
+            std::mem::forget((self.driver.take(), self.thread.take()));
+        }
     }
 }
 

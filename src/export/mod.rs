@@ -80,8 +80,8 @@ pub struct About {
     pub scenario: String,
     /// Hash of the complete scenario.
     pub scenario_sha256: String,
-    /// The actions by their numbers.
-    pub actions: [&'static str; 3],
+    /// The run's actions by their numbers.
+    pub actions: Vec<String>,
     /// The run's tasks by their numbers.
     pub tasks: Vec<String>,
     /// Frames.
@@ -149,11 +149,12 @@ pub fn export(
     images: bool,
     out: &Path,
 ) -> Result<About, ExportError> {
+    let set = &scenario.robot.actions;
     let about = About {
         run: run.display().to_string(),
         scenario: scenario.name.clone(),
         scenario_sha256: scenario.sha256(),
-        actions: ["forward", "left", "right"],
+        actions: set.iter().map(|action| set.name(action).to_owned()).collect(),
         tasks: names(scenario),
         frames: 0,
         damaged: 0,
@@ -257,7 +258,8 @@ impl Export<'_> {
         let mut features = match model {
             Some(Model { learned, .. }) => {
                 let (folder, tasks) = (self.table("features")?, learned.weights.len());
-                Some((learned, Features::create(&folder, learned.model.features(), tasks, places).map_err(&written)?))
+                let (features, actions) = (learned.model.features(), learned.actions());
+                Some((learned, Features::create(&folder, features, tasks, actions, places).map_err(&written)?))
             }
             None => None,
         };
@@ -294,10 +296,10 @@ impl Export<'_> {
 
     /// What the log holds beside the frames, in one pass.
     fn messages(&mut self, recording: &Recording, scenario: &Scenario) -> Result<(), ExportError> {
-        let (tasks, features) = (scenario.tasks.len(), scenario.slow.features);
+        let (tasks, features, actions) = (scenario.tasks.len(), scenario.slow.features, scenario.robot.actions.len());
         let written = failed(self.out);
         let mut transitions = Transitions::create(&self.table("transitions")?, tasks).map_err(&written)?;
-        let mut decisions = Decisions::create(&self.table("decisions")?).map_err(&written)?;
+        let mut decisions = Decisions::create(&self.table("decisions")?, actions).map_err(&written)?;
         let mut models = Models::create(&self.table("models")?, features).map_err(&written)?;
         let mut growth = Growth::create(&self.table("growth")?).map_err(&written)?;
         let mut accepted = Accepted::create(&self.table("accepted")?).map_err(&written)?;
@@ -347,7 +349,7 @@ impl Export<'_> {
             rates.add(learned)?;
             let values = match &learned.instances {
                 None => {
-                    let mut weights = Policies::create(&policies, features + 1)?;
+                    let mut weights = Policies::create(&policies, learned.actions(), features + 1)?;
                     weights.add(learned)?;
                     weights.finish()?
                 }

@@ -58,7 +58,7 @@ table! {
         frame: u64 [] = "number of the frame",
         stamp_ns: u64 [] = "when it was taken, nanoseconds",
         observation: u8 [height, width, 3] = "what is learned from, RGB",
-        action: i8 [] = "the action during which it was taken: 0 forward, 1 left, 2 right, -1 none",
+        action: i8 [] = "number of the action during which it was taken, -1 none",
         boundary: bool [] = "it is the last frame of its action, or one before which there was none",
         blocked: bool [] = "at a boundary: an obstacle stopped the robot during the action",
         pose: f64 [3] = "x, y (m), heading (rad), by an outside measurement",
@@ -70,9 +70,9 @@ table! {
 
 table! {
     /// One row for each frame: what a model makes of its observation.
-    Features(features, tasks, places) {
+    Features(features, tasks, actions, places) {
         features: f64 [features] = "slow features by the model, the constant one first, then the slowest",
-        q_values: f64 [tasks, 3] = "for each task the value of each action: 0 forward, 1 left, 2 right",
+        q_values: f64 [tasks, actions] = "for each task the value of each action",
         place: f64 [2] = "x, y on the map that was learned, lengths of a move; not a number without a map",
         there: bool [places] = "for each task, and behind them what is to be avoided: the model says that it is there, as far as it was shown",
     }
@@ -84,7 +84,7 @@ table! {
         from_frame: u64 [] = [message.from_frame], "the frame before the action";
         to_frame: u64 [] = [message.to_frame], "the frame after it";
         stamp_ns: u64 [] = [message.header.stamp_ns()], "when it ended, nanoseconds";
-        action: u8 [] = [message.action], "0 forward, 1 left, 2 right";
+        action: u8 [] = [message.action], "number of the action";
         blocked: bool [] = [message.blocked], "an obstacle stopped the robot";
         rewards: f64 [tasks] = fixed(&message.rewards, tasks), "the reward of each task";
     }
@@ -92,15 +92,15 @@ table! {
 
 table! {
     /// One row for each decision.
-    Decisions() of message: Decision, scenario: &Scenario {
+    Decisions(actions) of message: Decision, scenario: &Scenario {
         frame: u64 [] = [message.frame], "the frame that was decided on";
         stamp_ns: u64 [] = [message.header.stamp_ns()], "when, nanoseconds";
-        action_index: u64 [] = [message.action_index], "number of the action";
-        action: u8 [] = [message.action], "0 forward, 1 left, 2 right";
+        action_index: u64 [] = [message.action_index], "how many decisions were before it";
+        action: u8 [] = [message.action], "number of the action";
         behaviour: u8 [] = [message.behaviour], "0 explore, 1 pursue a task";
         task: i32 [] = [task_number(scenario, &message.task)], "number of the task that is pursued, -1 none";
         epoch: u32 [] = [message.epoch], "the model in use, 0 before the first";
-        q_values: f64 [3] = fixed(&message.q_values, 3), "value of each action for that task; not a number without one";
+        q_values: f64 [actions] = fixed(&message.q_values, scenario.robot.actions.len()), "value of each action for that task; not a number without one";
         reflex: bool [] = [message.reflex], "a reflex replaced what the behaviour wished";
     }
 }
@@ -168,8 +168,8 @@ table! {
 
 table! {
     /// One row for each task: Q(x, a) = weights[task, a] . features(x).
-    Policies(features) {
-        weights: f64 [3, features] = "weights of each action: 0 forward, 1 left, 2 right; that of the constant feature first",
+    Policies(actions, features) {
+        weights: f64 [actions, features] = "weights of each action; that of the constant feature first",
     }
 }
 
@@ -177,7 +177,7 @@ table! {
     /// One row for each transition, where values are local: worth[task] of those nearby tells Q(x, a).
     LocalValues(coordinates, tasks) {
         instances: f32 [coordinates] = "the state before the transition, in coordinates: slow features by the root of their slowness",
-        instance_action: u8 [] = "0 forward, 1 left, 2 right",
+        instance_action: u8 [] = "number of the action",
         worth: f64 [tasks] = "what the transition is worth for each task",
     }
 }

@@ -111,7 +111,9 @@ impl Driven {
             // The first frame of an episode ends whatever was before it.
             let action = action.filter(|_| !self.fresh);
             let (boundary, rewards, episode) = match ends {
-                _ if self.fresh => (Some(Boundary { blocked: false }), Vec::new(), false),
+                // An episode may be over with its first frame.
+                Ends::Action { episode, .. } if self.fresh => (Some(Boundary { blocked: false }), Vec::new(), episode),
+                Ends::Nothing if self.fresh => (Some(Boundary { blocked: false }), Vec::new(), false),
                 Ends::Nothing => (None, Vec::new(), false),
                 Ends::Action { blocked, rewards, episode } => (Some(Boundary { blocked }), rewards, episode),
             };
@@ -195,24 +197,28 @@ mod tests {
             let first = next();
             show(Ends::Nothing);
             show(end(true));
-            // Nothing follows an episode but the next one.
+            // Nothing follows an episode but the next one, be it of a single frame.
+            show(end(true));
             show(end(false));
             (first, next())
         });
         let mut frames = vec![driven.first().unwrap()];
-        for number in [1, 0] {
+        for number in [1, 0, 0] {
             assert!(driven.execute(action(number), &mut |frame| {
                 frames.push(frame);
                 true
             }));
         }
-        // What was decided on behind the first frame of the second episode; the program goes away instead of driving it.
+        // What was decided on behind the first frame of the third episode; the program goes away instead of driving it.
         assert!(!driven.execute(action(1), &mut |_| panic!("there is no frame")));
         assert_eq!(program.join().unwrap(), (Some(1), Some(1)));
         let told = |frame: &Frame| (frame.number, frame.action.map(Action::index), frame.boundary.is_some());
         let told: Vec<_> = frames.iter().map(told).collect();
-        assert_eq!(told, [(7, None, true), (8, Some(1), false), (9, Some(1), true), (10, None, true)]);
-        assert_eq!(frames.iter().map(|frame| frame.rewards.len()).collect::<Vec<_>>(), [0, 0, 1, 0]);
+        assert_eq!(
+            told,
+            [(7, None, true), (8, Some(1), false), (9, Some(1), true), (10, None, true), (11, None, true)]
+        );
+        assert_eq!(frames.iter().map(|frame| frame.rewards.len()).collect::<Vec<_>>(), [0, 0, 1, 0, 0]);
         assert!(frames.windows(2).all(|pair| pair[0].stamp_ns < pair[1].stamp_ns && pair[0].stamp_ns > 1000));
     }
 }

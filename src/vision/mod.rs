@@ -106,6 +106,22 @@ impl NullaryFnOnce for Observe<'_> {
     }
 }
 
+/// Whether an image has at least a pixel for each one of an observation.
+///
+/// # Errors
+/// It has not; the text has the sizes.
+pub fn check_size(image: &Image, settings: &Vision) -> Result<(), String> {
+    let cut = if image.cropped { 0 } else { settings.cut_rows };
+    if image.width >= settings.width && image.height.saturating_sub(cut) >= settings.height {
+        return Ok(());
+    }
+    Err(format!(
+        "an image of {} × {} pixels (width × height) without its {cut} upper lines (vision.cut_rows) is smaller than an observation \
+         of {} × {}: set vision.width and vision.height to what there is at most",
+        image.width, image.height, settings.width, settings.height
+    ))
+}
+
 /// Bounds of cell `i` of `n` over `length` pixels.
 fn cell(i: usize, n: usize, length: usize) -> std::ops::Range<usize> {
     i * length / n..(i + 1) * length / n

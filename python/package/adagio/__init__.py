@@ -1,7 +1,8 @@
 """Slow feature analysis, support vectors and values of actions, from streams.
 
 `Agent` explores, learns and acts while a program drives a robot, or an environment, with it; :mod:`adagio.gym` does that for
-Gymnasium's. All other classes are estimators in the manner of scikit-learn. What they compute is the Rust library ``adagio``.
+Gymnasium's. `open` gives a recorded run as arrays. All other classes are estimators in the manner of scikit-learn. What they compute
+is the Rust library ``adagio``.
 
 ========================  =============================================================
 :class:`SFA`              linear slow features of a series, or of a stream
@@ -21,5 +22,6 @@ from ._kernel import KernelSFA
 from ._linear import SFA
 from ._local import LocalValues
 from ._lspi import LSPI
+from ._run import Run, open
 
-__all__ = ["ALD", "Agent", "IncSFA", "KernelSFA", "LSPI", "LocalValues", "RunOver", "SFA"]
+__all__ = ["ALD", "Agent", "IncSFA", "KernelSFA", "LSPI", "LocalValues", "Run", "RunOver", "SFA", "open"]

@@ -1,11 +1,48 @@
 """The compiled part of ``adagio``; not for use from outside of the package."""
 
+from pathlib import Path
+
 import numpy as np
 import numpy.typing as npt
 
 _Floats = npt.NDArray[np.float64]
 _Ints = npt.NDArray[np.int64]
 _Flags = npt.NDArray[np.bool_]
+_Pixels = npt.NDArray[np.uint8]
+
+class RunOver(RuntimeError): ...
+
+class Agent:
+    @staticmethod
+    def begin(scenario: Path | None, text: str, sets: list[str], out: Path | None) -> Agent: ...
+    @staticmethod
+    def resume(run: Path) -> Agent: ...
+    run: Path
+    actions: list[str]
+    tasks: list[str]
+    def act(
+        self,
+        image: _Pixels,
+        rewards: list[tuple[str | None, float]],
+        pose: tuple[float, float, float] | None,
+        blocked: bool,
+        done: bool,
+        reset: bool,
+    ) -> int | None: ...
+    def observe(self, image: _Pixels, pose: tuple[float, float, float] | None) -> None: ...
+    def mark(self, text: str) -> None: ...
+    def goto(self, task: str) -> None: ...
+    def close(self) -> str: ...
+
+class Recorded:
+    def __init__(self, run: Path) -> None: ...
+    scenario: str
+    actions: list[str]
+    tasks: list[str]
+    def export(self, out: str) -> str: ...
+    def without_model(self) -> str | None: ...
+    def features(self, images: list[_Pixels]) -> _Floats: ...
+    def q_values(self, images: list[_Pixels], task: int) -> _Floats: ...
 
 class LinearStream:
     def __init__(self) -> None: ...

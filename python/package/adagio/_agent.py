@@ -113,12 +113,17 @@ class Agent:
         RunOver
             The run is over: its last action is done, or it was closed. It is a RuntimeError.
         RuntimeError
-            The run has failed, with the reason.
+            The run has failed, with the reason; another thread is in a call.
+
+        Notes
+        -----
+        Ctrl-C raises KeyboardInterrupt while the agent decides. The image was shown then: the next call returns the action behind it,
+        and looks at its own image only if that is a `reset`.
         """
         return self._agent.act(_pixels(image), _rewards(reward), _pose(pose), bool(blocked), bool(done), bool(reset))
 
     def observe(self, image, *, pose=None):
-        """Show an image that was taken during an action: features learn from it, too. Parameters are those of `act`."""
+        """Show an image that was taken during the action that `act` gave: features learn from it, too. Parameters are those of `act`."""
         self._agent.observe(_pixels(image), _pose(pose))
 
     def mark(self, task):
