@@ -195,11 +195,11 @@ impl Agent {
     }
 
     fn mark(&self, text: &str) -> PyResult<()> {
-        self.alone()?.mark(text).map_err(PyValueError::new_err)
+        self.alone()?.mark(text).map_err(refused)
     }
 
     fn goto(&self, task: &str) -> PyResult<()> {
-        self.alone()?.goto(task).map_err(PyValueError::new_err)
+        self.alone()?.goto(task).map_err(refused)
     }
 
     /// End the run; `report.json`.

@@ -12,6 +12,7 @@ use thiserror::Error;
 use super::robot::Robot;
 use super::run::{Extras, in_folder, within_memory};
 use super::{Ending, ResumeArgs, folder, resume};
+use crate::policy::Goto;
 use crate::replay::Recording;
 use crate::report::Report;
 use crate::robot::{Action, Pose};
@@ -40,7 +41,7 @@ pub struct Session {
     turn: Turn,
     /// What goes with the next frame.
     marks: Vec<Mark>,
-    goto: Option<String>,
+    goto: Option<Goto>,
     /// The process that has the threads: a forked one has none of them.
     process: u32,
 }
@@ -240,19 +241,20 @@ impl Session {
     /// marked counts any more.
     ///
     /// # Errors
-    /// There is no such task, or it is not shown.
-    pub fn mark(&mut self, text: &str) -> Result<(), String> {
-        self.marks.push(parse_mark(text, &self.scenario)?);
+    /// There is no such task, or it is not shown; the run is over.
+    pub fn mark(&mut self, text: &str) -> Result<(), SessionError> {
+        self.is_open()?;
+        self.marks.push(parse_mark(text, &self.scenario).map_err(SessionError::Wrong)?);
         Ok(())
     }
 
     /// Send the robot to the goal of a task, from the next image on; to nothing: wherever the schedule has it go.
     ///
     /// # Errors
-    /// There is no such task.
-    pub fn goto(&mut self, task: &str) -> Result<(), String> {
-        parse_goto(task, &self.scenario)?;
-        self.goto = Some(task.to_owned());
+    /// There is no such task; the run is over.
+    pub fn goto(&mut self, task: &str) -> Result<(), SessionError> {
+        self.is_open()?;
+        self.goto = Some(parse_goto(task, &self.scenario).map_err(SessionError::Wrong)?);
         Ok(())
     }
 
@@ -279,7 +281,7 @@ impl Session {
         check_size(&image, &self.scenario.vision).map_err(SessionError::Wrong)?;
         let goto = match ends {
             Ends::Nothing => None,
-            Ends::Action { .. } => self.goto.take().and_then(|task| parse_goto(&task, &self.scenario).ok()),
+            Ends::Action { .. } => self.goto.take(),
         };
         let shown = Shown { image, truth, begins, ends, marks: std::mem::take(&mut self.marks), goto };
         let handed = match &self.driver {
@@ -287,6 +289,13 @@ impl Session {
             _ => Err(Over),
         };
         handed.map_err(|Over| self.why_over())
+    }
+
+    fn is_open(&mut self) -> Result<(), SessionError> {
+        match self.driver.is_some() && self.is_here() {
+            true => Ok(()),
+            false => Err(self.why_over()),
+        }
     }
 
     /// Why the run takes no more frames.

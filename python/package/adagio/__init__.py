@@ -1,8 +1,8 @@
 """Slow feature analysis, support vectors and values of actions, from streams.
 
-`Agent` explores, learns and acts while a program drives a robot, or an environment, with it; :mod:`adagio.gym` does that for
-Gymnasium's. `open` gives a recorded run as arrays. All other classes are estimators in the manner of scikit-learn. What they compute
-is the Rust library ``adagio``.
+`Agent` explores, learns and acts while a program drives a robot, or an environment, with it; :mod:`adagio.gym` drives
+Gymnasium's. `open` gives a recorded run as arrays. All other classes are estimators in the manner of scikit-learn. What
+they compute is the Rust library ``adagio``.
 
 ========================  =============================================================
 :class:`SFA`              linear slow features of a series, or of a stream

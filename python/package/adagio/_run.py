@@ -65,8 +65,8 @@ def _table(name, doc):
 class Run:
     """A recorded run: what ``adagio export`` writes, and what the newest model makes of images.
 
-    Its log is read when it is opened. Arrays are made when the first one is asked for, in a temporary folder that is removed at
-    once; they are read from there one by one.
+    Its log is read when it is opened. Arrays are made when the first one is asked for, in a temporary folder whose name
+    is removed again; they are read from there one by one.
 
     Attributes
     ----------
@@ -132,8 +132,8 @@ class Run:
         ----------
         images : ndarray of uint8, or a sequence of such
             One image, (height, width, 3), (height, width, 1) or (height, width); several, (n, height, width, 3) or
-            (n, height, width, 1), or in a list. Of any size that is not smaller than an observation: the run's vision makes
-            observations of them.
+            (n, height, width, 1), or in a list. Of any size that is not smaller than an observation: the run's vision
+            makes observations of them.
 
         Returns
         -------

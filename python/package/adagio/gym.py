@@ -39,8 +39,11 @@ class Loop:
     """
 
     def __init__(self, env, *, action=None, agent=None, blocked=None, image=None, **settings):
-        count = int(env.action_space.n)
-        first = int(getattr(env.action_space, "start", 0))
+        space = env.action_space
+        if not hasattr(space, "n") or getattr(space, "shape", None) != ():
+            raise TypeError(f"the environment's actions are {space}: an agent has discrete ones, of a space Discrete")
+        count = int(space.n)
+        first = int(getattr(space, "start", 0))
         if action is None:
             action = agent.actions if agent else [f"action {number}" for number in range(count)]
         listed = [{"name": of} if isinstance(of, str) else dict(of) for of in action]
@@ -73,6 +76,11 @@ class Loop:
         reward : float
         terminated, truncated : bool
         info : dict
+
+        Raises
+        ------
+        RunOver
+            All actions of the run are done.
         """
         if self._action is None:
             self.reset()
@@ -89,7 +97,11 @@ class Loop:
         done = bool(terminated or truncated)
         self.steps += 1
         self._action = None
-        self._show(observation, reward=total, blocked=bool(self._blocked(observation, total, info)), done=done)
+        stopped = bool(self._blocked(observation, total, info))
+        try:
+            self._show(observation, reward=total, blocked=stopped, done=done)
+        except RunOver:
+            pass  # it was the last action: the next step says so
         return action, total, bool(terminated), bool(truncated), info
 
     def trials(self, count, task="goal", *, most=None, reset=None):

@@ -23,7 +23,7 @@ use crate::agent::runtime::timing::ModelTiming;
 use crate::policy::{Behaviour, BehaviourSchedule, Learned, Recent, Reflexes, Tally, Walk};
 use crate::random::stream;
 use crate::robot::Action;
-use crate::scenario::{Mode, Scenario, Task, Then};
+use crate::scenario::{Body, Mode, Scenario, Task, Then};
 use crate::snapshot::{Persist, Snapshot, SnapshotError};
 use crate::value::Fit;
 use crate::vision::Observation;
@@ -347,9 +347,10 @@ impl ActLoop<'_> {
         Ok(progress.ended())
     }
 
-    /// The robot is where somebody has sent it: it waits there until it is to go on. A recording has nobody who could say so.
+    /// The robot is where somebody has sent it: it waits there until it is to go on. A recording has nobody who could say so, and a
+    /// program waits for its next action.
     fn wait_there(&self, stamp_ns: u64) {
-        if let Some(controls) = self.controls {
+        if let Some(controls) = self.controls.filter(|_| self.scenario.robot.body != Body::Program) {
             controls.arrive();
             self.pause(stamp_ns);
         }

@@ -1,0 +1,94 @@
+"""A world for tests: random pictures in a ring, and an agent that goes round; the program that replays its runs."""
+
+import json
+import os
+import subprocess
+from pathlib import Path
+
+import numpy as np
+
+import adagio
+
+PLACES = 24
+GOAL = 0
+
+
+class Ring:
+    """Places in a ring, with a picture each; an action goes on by some places."""
+
+    def __init__(self, n_actions, seed=0):
+        draw = np.random.default_rng(seed)
+        self.pictures = draw.integers(0, 256, (PLACES, 20, 40, 3), dtype=np.uint8)
+        self.moves = [(1 + number // 2) * (-1) ** number for number in range(n_actions)]
+        self.starts = np.random.default_rng(seed + 1)
+        self.reset()
+
+    @property
+    def actions(self):
+        listed = [{"name": f"by {move}"} for move in self.moves]
+        for move, action in zip(self.moves, listed):
+            if -move in self.moves:
+                action["inverse"] = f"by {-move}"
+        return listed
+
+    def reset(self):
+        self.at = int(self.starts.integers(GOAL + 1, PLACES))
+        return self.picture
+
+    def step(self, action):
+        """The reward of an action."""
+        self.at = (self.at + self.moves[action]) % PLACES
+        return float(self.at == GOAL)
+
+    @property
+    def picture(self):
+        return self.pictures[self.at]
+
+    def shortest(self):
+        """Actions of the shortest way from here."""
+        reached, n = {self.at}, 0
+        while GOAL not in reached:
+            reached, n = {(at + move) % PLACES for at in reached for move in self.moves}, n + 1
+        return n
+
+
+def agent_of(ring, out, **settings):
+    """An agent that soon acts on what it has learned."""
+    defaults = {"actions": 2000, "policy": {"explore_actions": 400, "pursue_share": 0.5}}
+    return adagio.Agent(out=out, action=ring.actions, **{**defaults, **settings})
+
+
+def drive(agent, ring, actions):
+    """Episodes until the run is over or some actions are done; how many there were."""
+    action = agent.act(ring.reset(), reset=True)
+    done = 0
+    try:
+        while done < actions:
+            reward = ring.step(action)
+            done += 1
+            action = agent.act(ring.picture, reward=reward, done=reward > 0)
+            if reward > 0:
+                action = agent.act(ring.reset())
+    except adagio.RunOver:
+        pass
+    return done
+
+
+def program(*arguments):
+    """What the program ``adagio`` prints; it must succeed."""
+    built = Path(__file__).parents[2] / "target" / "release" / "adagio"
+    path = os.environ.get("ADAGIO_PROGRAM", built)
+    assert Path(path).is_file(), f"{path} is missing: cargo build --release, or ADAGIO_PROGRAM"
+    done = subprocess.run([path, *map(str, arguments)], capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, f"adagio {arguments}: {done.stdout}{done.stderr}"
+    return done.stdout
+
+
+def replayed_digest(run):
+    """The digest of a run that its log repeats bit for bit."""
+    printed = program("replay", run, "--verify")
+    return printed.split("digest ")[1].split()[0]
+
+
+def report_of(run):
+    return json.loads((Path(run) / "report.json").read_text())
