@@ -6,7 +6,7 @@ from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted
 
 from . import _adagio
-from ._transitions import action_numbers, flags, number_of_actions, numbers, states
+from ._arrays import action_numbers, flags, number_of_actions, numbers, states
 
 
 class LocalValues(BaseEstimator):

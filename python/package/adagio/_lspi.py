@@ -8,7 +8,7 @@ from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted
 
 from ._adagio import lspi
-from ._transitions import action_numbers, flags, number_of_actions, numbers, states
+from ._arrays import action_numbers, flags, number_of_actions, numbers, states
 
 
 class LSPI(BaseEstimator):

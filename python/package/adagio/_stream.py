@@ -8,6 +8,8 @@ import numpy as np
 from sklearn.base import BaseEstimator, ClassNamePrefixFeaturesOutMixin, TransformerMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
+from ._arrays import numbers
+
 
 class StreamEstimator(ClassNamePrefixFeaturesOutMixin, TransformerMixin, BaseEstimator):
     """An estimator over a stream. Subclasses have ``_begin(x)``, a stream, and ``_solve()``, its model."""
@@ -125,4 +127,4 @@ def _lengths(lengths):
 
 
 def _times(times):
-    return None if times is None else np.ascontiguousarray(times, dtype=np.float64)
+    return None if times is None else numbers("times", times)
