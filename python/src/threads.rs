@@ -41,8 +41,8 @@ pub fn work<T: Send, E: Display + Send>(py: Python<'_>, job: impl FnOnce() -> Re
 
 /// Do something with the content of an object, for which other Python threads wait.
 ///
-/// They wait without the interpreter, which this one may need; and outside of the pool: a thread there that waits for a part of
-/// its work takes up other work meanwhile, and would end up waiting for itself.
+/// They wait without the interpreter, which this one may need; and outside of the pool: a thread there that waits for a
+/// part of its work takes up other work meanwhile, and would end up waiting for itself.
 ///
 /// # Errors
 /// Those of [`work`]; an earlier panic left the content in an unknown state.

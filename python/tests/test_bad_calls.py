@@ -19,13 +19,25 @@ BAD_SAMPLES = [
     np.full((60, 3), 1e200) * np.sign(X), np.zeros(60, dtype=[("a", float)]),
 ]  # fmt: skip
 BAD_NUMBERS = [
-    None, "1", -1, 0, -0.5, np.nan, np.inf, -np.inf, 1e400, 10**30, -(10**30), 2**63, 2**64, [], {}, object(), 1j, b"1", X, True, 0.5,
-    1e-320, 1e308,
+    None, "1", -1, 0, -0.5, np.nan, np.inf, -np.inf, 10**30, -(10**30), 2**63, 2**64, [], {}, object(), 1j, b"1", X,
+    True, 0.5, 1e-320, 1e308,
 ]  # fmt: skip
-BAD_LENGTHS = [1, -1, "60", [61], [-1, 61], [30, 31], [30.0, 30.0], [2**63, 2**63], [2**64], [None], X, [[60]], object()]
-BAD_TIMES = [1, "t", np.zeros(60), np.arange(59), np.full(60, np.nan), -np.arange(60), X, [None] * 60, ["a"] * 60, object(), 1j * np.ones(60)]
-BAD_ACTIONS = [None, 1, "a", ACTIONS[:59], -ACTIONS, ACTIONS + 10**12, ACTIONS / 2, [None] * 60, X, [True] * 60, np.full(60, 2**63, np.uint64)]
-BAD_REWARDS = [None, 1, "a", X[:59, 0], np.full(60, np.nan), np.full(60, np.inf), [None] * 60, X, ["1"] * 60, 1j * np.ones(60)]
+BAD_LENGTHS = [
+    1, -1, "60", [61], [-1, 61], [30, 31], [30.0, 30.0], [2**63, 2**63], [2**64], [None], X, [[60]],
+    object(),
+]  # fmt: skip
+BAD_TIMES = [
+    1, "t", np.zeros(60), np.arange(59), np.full(60, np.nan), -np.arange(60), X, [None] * 60, ["a"] * 60,
+    object(), 1j * np.ones(60),
+]  # fmt: skip
+BAD_ACTIONS = [
+    None, 1, "a", ACTIONS[:59], -ACTIONS, ACTIONS + 10**12, ACTIONS / 2, [None] * 60, X, [True] * 60,
+    np.full(60, 2**63, np.uint64),
+]  # fmt: skip
+BAD_REWARDS = [
+    None, 1, "a", X[:59, 0], np.full(60, np.nan), np.full(60, np.inf), [None] * 60, X, ["1"] * 60,
+    1j * np.ones(60),
+]  # fmt: skip
 BAD_TERMINAL = [1, "a", np.zeros(60), np.zeros(59, bool), [None] * 60, np.zeros((60, 1), bool), object()]
 
 TRANSFORMERS = {
@@ -110,7 +122,8 @@ def test_transitions(kind):
         "states": BAD_SAMPLES, "following": BAD_SAMPLES, "actions": BAD_ACTIONS, "rewards": BAD_REWARDS
     }.items():  # fmt: skip
         for bad in all_bad:
-            huge = isinstance(bad, np.ndarray) and bad.dtype == float and np.isfinite(bad).all() and bad.shape == X.shape
+            huge = isinstance(bad, np.ndarray) and bad.dtype == float and bad.shape == X.shape
+            huge = huge and np.isfinite(bad).all()
             assert attempt(lambda: kind().fit(*transitions(**{name: bad}))) or huge, (name, bad)
     for bad in BAD_TERMINAL:
         assert attempt(lambda: kind().fit(*transitions(), terminal=bad)), bad
@@ -149,13 +162,14 @@ def test_wrong_order_of_calls():
 def test_seeded_calls_of_the_compiled_part():
     """Anything for any argument of any function and class, on several threads."""
     anything = [
-        *BAD_SAMPLES, *BAD_NUMBERS, *BAD_LENGTHS, *BAD_TIMES, *BAD_ACTIONS, *BAD_TERMINAL, X, X.T, X[::2], X[:, 0].copy(), ACTIONS,
-        np.zeros(60, bool), "stop", "uniform", "replace", 1.0, 1, 3, [60], X.astype(np.float32), {"a": X}, {"clock.last": "null"},
+        *BAD_SAMPLES, *BAD_NUMBERS, *BAD_LENGTHS, *BAD_TIMES, *BAD_ACTIONS, *BAD_TERMINAL, X, X.T, X[::2],
+        X[:, 0].copy(), ACTIONS, np.zeros(60, bool), "stop", "uniform", "replace", 1.0, 1, 3, [60], X.astype(np.float32), {"a": X},
+        {"clock.last": "null"},
     ]  # fmt: skip
     made = [
         _adagio.LinearStream(), _adagio.KernelStream(1.0, 2.0, 0.1, 10, "stop", 100),
-        _adagio.IncrementalStream(3, 2, 3, 1e-6, 1e-5, 0.01, 10, 0), _adagio.Ald(1.0, 2.0, 0.1, 10, "stop"), _adagio.LocalValues(),
-        SFA().fit(X)._solved(), KernelSFA(1).fit(X)._solved(), LSPI().fit(*transitions())._fit,
+        _adagio.IncrementalStream(3, 2, 3, 1e-6, 1e-5, 0.01, 10, 0), _adagio.Ald(1.0, 2.0, 0.1, 10, "stop"),
+        _adagio.LocalValues(), SFA().fit(X)._solved(), KernelSFA(1).fit(X)._solved(), LSPI().fit(*transitions())._fit,
     ]  # fmt: skip
     calls = [getattr(owner, name) for owner in (_adagio, *made) for name in dir(owner) if not name.startswith("__")]
     calls = [call for call in calls if callable(call)] + [owner.__setstate__ for owner in made[:5]]

@@ -11,18 +11,19 @@ from ._kernel import WIDTH_SAMPLES, WIDTH_SHARE
 
 
 class ALD(ClassNamePrefixFeaturesOutMixin, TransformerMixin, BaseEstimator):
-    """A dictionary of samples that are not approximately linear combinations of each other in the space of a radial kernel.
+    """A dictionary of samples that are not approximately linear combinations of each other in the space of a radial
+    kernel.
 
-    :meth:`transform` gives Newton coordinates ``v(x) = L⁻¹ k(x)``, with the kernel values ``k(x)`` of a sample with all support
-    vectors and the Cholesky factor ``L`` of their kernel matrix. Products of coordinates are kernel values,
+    :meth:`transform` gives Newton coordinates ``v(x) = L⁻¹ k(x)``, with the kernel values ``k(x)`` of a sample with all
+    support vectors and the Cholesky factor ``L`` of their kernel matrix. Products of coordinates are kernel values,
     ``v(x) @ v(y) ≈ k(x, y)``: a linear method on `v` is the kernel method.
 
     Parameters
     ----------
     sigma : float, optional
-        Width of the kernel ``exp(-(|x - y| / (sqrt(2) sigma))**exponent)``, a distance of samples. By default it is chosen from
-        the first 500 samples of the first call: the width at which 65 % of them become support vectors, but at least half
-        of their median distance.
+        Width of the kernel ``exp(-(|x - y| / (sqrt(2) sigma))**exponent)``, a distance of samples. By default it is
+        chosen from the first 500 samples of the first call: the width at which 65 % of them become support vectors, but
+        at least half of their median distance.
     exponent : float, default=2.0
         2 for the Gaussian kernel, 1 for the Laplacian.
     nu : float, default=0.01

@@ -11,9 +11,10 @@ from ._stream import StreamEstimator
 class IncSFA(StreamEstimator):
     """Slow feature analysis sample by sample, without any covariance matrix.
 
-    Principal components make the samples white, minor components of the derivative are the slowest directions. Both follow
-    the stream for ever, with a memory of some thousand samples: features adapt, and jitter. A sample costs
-    O(n_features · n_whitened + n_whitened · n_components²). Where there is room for matrices, :class:`adagio.SFA` is exact.
+    Principal components make the samples white, minor components of the derivative are the slowest directions. Both
+    follow the stream for ever, with a memory of some thousand samples: features adapt, and jitter. A sample costs
+    O(n_features · n_whitened + n_whitened · n_components²). Where there is room for matrices, :class:`adagio.SFA` is
+    exact.
 
     Parameters
     ----------

@@ -13,17 +13,17 @@ WIDTH_SHARE = 0.65
 class KernelSFA(StreamEstimator):
     """Slow feature analysis in the space of a radial kernel: features are smooth functions of the sample.
 
-    Support vectors are chosen by approximate linear dependence (:class:`adagio.ALD`) while samples come in. Sums over the
-    coordinates of the samples are kept, and the coordinates of the last `retained` samples.
+    Support vectors are chosen by approximate linear dependence (:class:`adagio.ALD`) while samples come in. Sums over
+    the coordinates of the samples are kept, and the coordinates of the last `retained` samples.
 
     Parameters
     ----------
     n_components : int, default=5
         Number of features.
     sigma : float, optional
-        Width of the kernel ``exp(-(|x - y| / (sqrt(2) sigma))**exponent)``, a distance of samples. By default it is chosen from
-        the first 500 samples of the first call: the width at which 65 % of them become support vectors, but at least half
-        of their median distance.
+        Width of the kernel ``exp(-(|x - y| / (sqrt(2) sigma))**exponent)``, a distance of samples. By default it is
+        chosen from the first 500 samples of the first call: the width at which 65 % of them become support vectors, but
+        at least half of their median distance.
     exponent : float, default=2.0
         2 for the Gaussian kernel, 1 for the Laplacian.
     nu : float, default=0.01

@@ -12,8 +12,8 @@ class SFA(StreamEstimator):
     """Slow feature analysis: the weighted sums of a series that change as slowly as possible.
 
     Features have mean 0, variance 1 and no correlation over the samples of the fit. The first one is the slowest.
-    Sums over the samples are kept, and no samples. So :meth:`partial_fit` in a loop gives the bits of one :meth:`fit`, and
-    estimators can be added: ``a + b`` has learned from the samples of both.
+    Sums over the samples are kept, and no samples. So :meth:`partial_fit` in a loop gives the bits of one :meth:`fit`,
+    and estimators can be added: ``a + b`` has learned from the samples of both.
 
     Parameters
     ----------

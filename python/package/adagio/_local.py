@@ -10,7 +10,8 @@ from ._arrays import action_numbers, flags, number_of_actions, numbers, states
 
 
 class LocalValues(BaseEstimator):
-    """Values of actions by fitted Q iteration: each is a linear regression over the nearest transitions with that action.
+    """Values of actions by fitted Q iteration: each is a linear regression over the nearest transitions with that
+    action.
 
     States are points whose distances say how near they are, such as slow features.
 
@@ -19,7 +20,8 @@ class LocalValues(BaseEstimator):
     n_neighbors : int, default=16
         Transitions with the same action that a value is estimated from.
     ridge : float, default=0.3
-        Ridge on the slopes of the regression, in mean squared distances of the neighbours. Large values leave a weighted mean.
+        Ridge on the slopes of the regression, in mean squared distances of the neighbours. Large values leave a
+        weighted mean.
     gamma : float, default=0.9
         Discount per action, in [0, 1).
     n_actions : int, optional

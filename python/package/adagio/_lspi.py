@@ -14,7 +14,8 @@ from ._arrays import action_numbers, flags, number_of_actions, numbers, states
 class LSPI(BaseEstimator):
     """Values of actions that are linear in features, and the policy that acts on them.
 
-    Each policy is evaluated by least squares over all transitions (LSQ), then moved towards the greedy policy of its values.
+    Each policy is evaluated by least squares over all transitions (LSQ), then moved towards the greedy policy of its
+    values.
 
     Parameters
     ----------
@@ -23,8 +24,8 @@ class LSPI(BaseEstimator):
     ridge : float, default=0.0
         Added to the diagonal of the system of equations.
     mixing : float, default=0.3
-        Share of the greedy policy in each step, in (0, 1]. With 1 this is the iteration of Lagoudakis & Parr, which can run in
-        circles.
+        Share of the greedy policy in each step, in (0, 1]. With 1 this is the iteration of Lagoudakis & Parr, which can
+        run in circles.
     max_iter : int, default=100
         Evaluations at most.
     tol : float, default=1e-6

@@ -1,4 +1,5 @@
-"""What the estimators of slow features have in common: samples go into a stream, and its model is solved when it is needed."""
+"""What the estimators of slow features have in common: samples go into a stream, and its model is solved when it is
+needed."""
 
 from __future__ import annotations
 
@@ -42,7 +43,8 @@ class StreamEstimator(ClassNamePrefixFeaturesOutMixin, TransformerMixin, BaseEst
     def partial_fit(self, X, y=None, lengths=None, times=None):
         """Go on learning with more samples.
 
-        Without `lengths`, the first sample follows the last one of the call before. With `lengths`, it begins a new sequence.
+        Without `lengths`, the first sample follows the last one of the call before. With `lengths`, it begins a new
+        sequence.
 
         Parameters
         ----------
