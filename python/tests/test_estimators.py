@@ -3,7 +3,9 @@
 import copy
 import multiprocessing
 import pickle
+import signal
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -38,9 +40,7 @@ def test_a_copy_gives_the_same_and_goes_on_alike(estimator, copied):
     np.testing.assert_array_equal(other.transform(X), fitted.transform(X))
     # Before a model was solved, too.
     other = copied(fitted.partial_fit(X[250:300]))
-    np.testing.assert_array_equal(
-        other.partial_fit(X[300:]).transform(X), fitted.partial_fit(X[300:]).transform(X)
-    )
+    np.testing.assert_array_equal(other.partial_fit(X[300:]).transform(X), fitted.partial_fit(X[300:]).transform(X))
 
 
 @pytest.mark.parametrize("estimator", TRANSFORMERS, ids=named)
@@ -114,3 +114,14 @@ def test_a_forked_process_has_threads_of_its_own():
     assert here.poll(60), "the forked process hangs"
     np.testing.assert_array_equal(here.recv(), expected)
     process.join()
+
+
+def test_ctrl_c_is_heard():
+    x = np.random.default_rng(0).standard_normal((200_000, 20))
+    timer = threading.Timer(0.3, signal.raise_signal, [signal.SIGINT])
+    timer.start()
+    began = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        # Minutes of work.
+        KernelSFA(2, sigma=1.0, nu=1e-9, budget=4000).fit(x)
+    assert time.monotonic() - began < 20
