@@ -163,7 +163,7 @@ def test_seeded_calls_of_the_compiled_part():
     """Anything for any argument of any function and class, on several threads."""
     anything = [
         *BAD_SAMPLES, *BAD_NUMBERS, *BAD_LENGTHS, *BAD_TIMES, *BAD_ACTIONS, *BAD_TERMINAL, X, X.T, X[::2],
-        X[:, 0].copy(), ACTIONS, np.zeros(60, bool), "stop", "uniform", "replace", 1.0, 1, 3, [60], X.astype(np.float32),
+        X[:, 0].copy(), ACTIONS, X[:, 0] > 0, "stop", "uniform", "replace", 1.0, 1, 3, [60], X.astype(np.float32),
         {"a": X}, {"clock.last": "null"},
     ]  # fmt: skip
     made = [

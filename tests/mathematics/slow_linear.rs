@@ -200,6 +200,7 @@ fn a_stream_and_a_batch_agree() {
     }
 }
 
+#[cfg(feature = "rayon")]
 #[test]
 fn the_blocks_of_a_stream_and_its_threads_do_not_change_the_bits() {
     let x = random_path(5, 1300, 9);
