@@ -13,7 +13,7 @@ use pyo3::types::PyDict;
 use crate::arguments::{Count, refused, when_full};
 use crate::arrays::{columns, rows};
 use crate::state;
-use crate::threads::{in_blocks, lock, work};
+use crate::threads::{get, in_blocks, with, work};
 
 struct Chosen {
     ald: dictionary::Ald<f64>,
@@ -88,22 +88,20 @@ impl Ald {
     /// Judge samples in their order.
     fn observe(&self, py: Python<'_>, x: PyReadonlyArray2<'_, f64>) -> PyResult<()> {
         let x = columns(&x)?;
-        in_blocks(py, x.ncols(), BLOCK, |start, size| {
-            lock(&self.chosen)?.observe(x.subcols(start, size)).map_err(|cause| cause.to_string())
-        })
+        in_blocks(py, &self.chosen, (x.ncols(), BLOCK), |chosen, start, size| chosen.observe(x.subcols(start, size)))
     }
 
     /// Newton coordinates of samples, samples × support vectors.
     fn coordinates<'py>(&self, py: Python<'py>, x: PyReadonlyArray2<'py, f64>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let x = columns(&x)?;
-        let v = work(py, || lock(&self.chosen)?.ald.dictionary().coordinates(x).map_err(|cause| cause.to_string()))?;
+        let v = with(py, &self.chosen, |chosen| chosen.ald.dictionary().coordinates(x))?;
         Ok(rows(py, v.as_ref()))
     }
 
     /// Support vectors × inputs.
     #[getter]
     fn support_vectors<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let members = work(py, || Ok::<_, String>(lock(&self.chosen)?.ald.dictionary().members().to_owned()))?;
+        let members = get(py, &self.chosen, |chosen| chosen.ald.dictionary().members().to_owned())?;
         Ok(rows(py, members.as_ref()))
     }
 
@@ -116,33 +114,30 @@ impl Ald {
     /// Number of the sample that each support vector was, from 0.
     #[getter]
     fn indices<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<i64>>> {
-        let indices = work(py, || Ok::<_, String>(lock(&self.chosen)?.indices.iter().map(|&i| i as i64).collect()))?;
+        let indices = get(py, &self.chosen, |chosen| chosen.indices.iter().map(|&i| i as i64).collect())?;
         Ok(PyArray1::from_vec(py, indices))
     }
 
     /// Number of support vectors.
     fn __len__(&self, py: Python<'_>) -> PyResult<usize> {
-        work(py, || Ok::<_, String>(lock(&self.chosen)?.indices.len()))
+        get(py, &self.chosen, |chosen| chosen.indices.len())
     }
 
     /// The threshold at this moment.
     #[getter]
     fn nu(&self, py: Python<'_>) -> PyResult<Option<f64>> {
-        work(py, || Ok::<_, String>(lock(&self.chosen)?.ald.nu()))
+        get(py, &self.chosen, |chosen| chosen.ald.nu())
     }
 
     fn __getstate__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let mut snapshot = Snapshot::new();
-        work(py, || lock(&self.chosen)?.persist(&mut snapshot).map_err(|cause| cause.to_string()))?;
+        with(py, &self.chosen, |chosen| chosen.persist(&mut snapshot))?;
         state::parts(py, snapshot)
     }
 
     fn __setstate__(&self, py: Python<'_>, parts: &Bound<'_, PyDict>) -> PyResult<()> {
         let (mut snapshot, mut chosen) = (state::restoring(parts)?, self.settings.begin(py)?);
-        work(py, || {
-            chosen.persist(&mut snapshot).map_err(|cause| cause.to_string())?;
-            *lock(&self.chosen)? = chosen;
-            Ok::<_, String>(())
-        })
+        work(py, || chosen.persist(&mut snapshot))?;
+        get(py, &self.chosen, |content| *content = chosen)
     }
 }

@@ -2,6 +2,7 @@
 
 use std::sync::Mutex;
 
+use adagio::slow::coherence::CoherenceError;
 use adagio::slow::coherence::incremental::{IncrementalSlow, Options};
 use adagio::snapshot::{Snapshot, SnapshotError};
 use numpy::{PyArray1, PyArray2, PyReadonlyArray2};
@@ -12,7 +13,7 @@ use crate::arguments::{Count, refused};
 use crate::arrays::{columns, rows};
 use crate::links::{Clock, Lengths, Times};
 use crate::state;
-use crate::threads::{in_blocks, lock, work};
+use crate::threads::{get, in_blocks, with, work};
 
 /// Samples between which Ctrl-C is heard.
 const BLOCK: usize = 1024;
@@ -88,52 +89,50 @@ impl IncrementalStream {
         times: Times<'_>,
     ) -> PyResult<()> {
         let x = columns(&x)?;
-        let clock = work(py, || lock(&self.stream).map(|stream| stream.clock.clone()))?;
+        let clock = get(py, &self.stream, |stream| stream.clock.clone())?;
         let (links, clock) = clock.links(x.ncols(), dt, &lengths, &times)?;
-        in_blocks(py, x.ncols(), BLOCK, |start, size| {
-            let mut stream = lock(&self.stream)?;
+        in_blocks(py, &self.stream, (x.ncols(), BLOCK), |stream, start, size| {
             let mut frame = vec![0.0; x.nrows()];
             for (column, link) in x.subcols(start, size).col_iter().zip(&links[start..start + size]) {
                 frame.iter_mut().zip(column.iter()).for_each(|(to, from)| *to = *from);
-                stream.slow.update(&frame, *link).map_err(|cause| cause.to_string())?;
+                stream.slow.update(&frame, *link)?;
             }
-            Ok::<_, String>(())
+            Ok::<_, CoherenceError>(())
         })?;
-        work(py, || lock(&self.stream).map(|mut stream| stream.clock = clock))
+        get(py, &self.stream, |stream| stream.clock = clock)
     }
 
     /// Weights, features × inputs.
     #[getter]
     fn weights<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let map = work(py, || Ok::<_, String>(lock(&self.stream)?.slow.map()))?;
+        let map = get(py, &self.stream, |stream| stream.slow.map())?;
         Ok(rows(py, map.weights.as_ref()))
     }
 
     /// Features of samples.
     fn apply<'py>(&self, py: Python<'py>, x: PyReadonlyArray2<'py, f64>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let x = columns(&x)?;
-        let y = work(py, || lock(&self.stream)?.slow.map().apply(x).map_err(|cause| cause.to_string()))?;
+        let map = get(py, &self.stream, |stream| stream.slow.map())?;
+        let y = work(py, || map.apply(x))?;
         Ok(rows(py, y.as_ref()))
     }
 
     /// Slowness of each feature, lately.
     #[getter]
     fn slowness<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        Ok(PyArray1::from_vec(py, work(py, || Ok::<_, String>(lock(&self.stream)?.slow.slowness().to_vec()))?))
+        let slowness = get(py, &self.stream, |stream| stream.slow.slowness().to_vec())?;
+        Ok(PyArray1::from_vec(py, slowness))
     }
 
     fn __getstate__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let mut snapshot = Snapshot::new();
-        work(py, || lock(&self.stream)?.persist(&mut snapshot).map_err(|cause| cause.to_string()))?;
+        with(py, &self.stream, |stream| stream.persist(&mut snapshot))?;
         state::parts(py, snapshot)
     }
 
     fn __setstate__(&self, py: Python<'_>, parts: &Bound<'_, PyDict>) -> PyResult<()> {
         let (mut snapshot, mut stream) = (state::restoring(parts)?, self.settings.begin()?);
-        work(py, || {
-            stream.persist(&mut snapshot).map_err(|cause| cause.to_string())?;
-            *lock(&self.stream)? = stream;
-            Ok::<_, String>(())
-        })
+        work(py, || stream.persist(&mut snapshot))?;
+        get(py, &self.stream, |content| *content = stream)
     }
 }

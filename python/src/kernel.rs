@@ -15,7 +15,7 @@ use crate::arguments::{Count, refused, when_full};
 use crate::arrays::{columns, list, rows};
 use crate::links::{Clock, Lengths, Times};
 use crate::state;
-use crate::threads::{in_blocks, lock, work};
+use crate::threads::{get, in_blocks, with, work};
 
 /// The width of a radial kernel at which ALD keeps a share of the samples, but at least half their median distance.
 #[pyfunction]
@@ -105,44 +105,35 @@ impl KernelStream {
         times: Times<'_>,
     ) -> PyResult<()> {
         let x = columns(&x)?;
-        let clock = work(py, || lock(&self.stream).map(|stream| stream.clock.clone()))?;
+        let clock = get(py, &self.stream, |stream| stream.clock.clone())?;
         let (links, clock) = clock.links(x.ncols(), dt, &lengths, &times)?;
-        in_blocks(py, x.ncols(), BLOCK, |start, size| {
-            let pushed = lock(&self.stream)?.sums.push(x.subcols(start, size), &links[start..start + size]);
-            pushed.map(drop).map_err(|cause| cause.to_string())
+        in_blocks(py, &self.stream, (x.ncols(), BLOCK), |stream, start, size| {
+            stream.sums.push(x.subcols(start, size), &links[start..start + size]).map(drop)
         })?;
-        work(py, || lock(&self.stream).map(|mut stream| stream.clock = clock))
+        get(py, &self.stream, |stream| stream.clock = clock)
     }
 
     /// The slowest features of all samples.
     fn solve(&self, py: Python<'_>, features: Count, regularizer: f64) -> PyResult<KernelModel> {
-        let model = work(py, || {
-            let mut stream = lock(&self.stream)?;
+        let model = with(py, &self.stream, |stream| {
             let options = SolveOptions { par: Par::rayon(0), ..SolveOptions::default() };
-            let moments = stream.sums.settled_moments().map_err(|cause| cause.to_string())?;
-            let solved =
-                solve_with(moments, features.0, regularizer, None, &options).map_err(|cause| cause.to_string())?;
-            SlowModel::new(stream.sums.dictionary(), &solved).map_err(|cause| cause.to_string())
+            let moments = stream.sums.settled_moments()?;
+            let solved = solve_with(moments, features.0, regularizer, None, &options)?;
+            SlowModel::new(stream.sums.dictionary(), &solved)
         })?;
         Ok(KernelModel(model))
     }
 
     fn __getstate__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let saved = work(py, || {
-            let mut snapshot = Snapshot::new();
-            lock(&self.stream)?.persist(&mut snapshot).map_err(|cause| cause.to_string())?;
-            Ok::<_, String>(snapshot)
-        })?;
-        state::parts(py, saved)
+        let mut snapshot = Snapshot::new();
+        with(py, &self.stream, |stream| stream.persist(&mut snapshot))?;
+        state::parts(py, snapshot)
     }
 
     fn __setstate__(&self, py: Python<'_>, parts: &Bound<'_, PyDict>) -> PyResult<()> {
         let (mut snapshot, mut stream) = (state::restoring(parts)?, self.settings.begin(py)?);
-        work(py, || {
-            stream.persist(&mut snapshot).map_err(|cause| cause.to_string())?;
-            *lock(&self.stream)? = stream;
-            Ok::<_, String>(())
-        })
+        work(py, || stream.persist(&mut snapshot))?;
+        get(py, &self.stream, |content| *content = stream)
     }
 }
 

@@ -1,7 +1,8 @@
 //! The Python package `adagio`: thin classes over the library, one file each.
 //!
-//! What users see are the Python files of `package/adagio`, which check arrays as scikit-learn does and keep parameters. What is
-//! computed is the library's. An array of samples × features in C order is the library's features × samples in columns: a view.
+//! What users see are the Python files of `package/adagio`, which check arrays as scikit-learn does and keep
+//! parameters. What is computed is the library's. An array of samples × features in C order is the library's features ×
+//! samples in columns: a view.
 
 mod agent;
 mod arguments;

@@ -13,7 +13,7 @@ use crate::arguments::Count;
 use crate::arrays::{columns, list, rows, table};
 use crate::links::{Clock, Lengths, Times};
 use crate::state;
-use crate::threads::{in_blocks, lock, work};
+use crate::threads::{get, in_blocks, work};
 
 /// Samples between which Ctrl-C is heard.
 const BLOCK: usize = 8192;
@@ -42,7 +42,7 @@ impl LinearStream {
     }
 
     fn copy(&self, py: Python<'_>) -> PyResult<Stream> {
-        work(py, || Ok::<_, String>(lock(&self.0)?.clone()))
+        get(py, &self.0, |stream| stream.clone())
     }
 }
 
@@ -64,13 +64,12 @@ impl LinearStream {
         times: Times<'_>,
     ) -> PyResult<()> {
         let x = columns(&x)?;
-        let clock = work(py, || lock(&self.0).map(|stream| stream.clock.clone()))?;
+        let clock = get(py, &self.0, |stream| stream.clock.clone())?;
         let (links, clock) = clock.links(x.ncols(), dt, &lengths, &times)?;
-        in_blocks(py, x.ncols(), BLOCK, |start, size| {
-            let pushed = lock(&self.0)?.sums.push(x.subcols(start, size), &links[start..start + size]);
-            pushed.map_err(|cause| cause.to_string())
+        in_blocks(py, &self.0, (x.ncols(), BLOCK), |stream, start, size| {
+            stream.sums.push(x.subcols(start, size), &links[start..start + size])
         })?;
-        work(py, || lock(&self.0).map(|mut stream| stream.clock = clock))
+        get(py, &self.0, |stream| stream.clock = clock)
     }
 
     /// The slowest features of all samples; without a number, as many as there are directions with variance.
@@ -101,11 +100,8 @@ impl LinearStream {
 
     fn __setstate__(&self, py: Python<'_>, parts: &Bound<'_, PyDict>) -> PyResult<()> {
         let (mut snapshot, mut stream) = (state::restoring(parts)?, Self::empty(py)?);
-        work(py, || {
-            stream.persist(&mut snapshot).map_err(|cause| cause.to_string())?;
-            *lock(&self.0)? = stream;
-            Ok::<_, String>(())
-        })
+        work(py, || stream.persist(&mut snapshot))?;
+        get(py, &self.0, |content| *content = stream)
     }
 }
 

@@ -1,8 +1,9 @@
 //! Heavy work: without the interpreter, on threads of our own, and with panics as exceptions.
 
+use std::convert::Infallible;
 use std::fmt::Display;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
@@ -34,41 +35,63 @@ fn pool() -> Result<Arc<ThreadPool>, String> {
 /// # Errors
 /// What the work refuses as `ValueError`, a panic as `RuntimeError`.
 pub fn work<T: Send, E: Display + Send>(py: Python<'_>, job: impl FnOnce() -> Result<T, E> + Send) -> PyResult<T> {
+    let done = py.detach(|| caught(|| Ok(pool()?.install(job))));
+    done.map_err(PyRuntimeError::new_err)?.map_err(refused)
+}
+
+/// Do something with the content of an object, for which other Python threads wait.
+///
+/// They wait without the interpreter, which this one may need; and outside of the pool: a thread there that waits for a
+/// part of its work takes up other work meanwhile, and would end up waiting for itself.
+///
+/// # Errors
+/// Those of [`work`]; an earlier panic left the content in an unknown state.
+pub fn with<C: Send, T: Send, E: Display + Send>(
+    py: Python<'_>,
+    content: &Mutex<C>,
+    job: impl FnOnce(&mut C) -> Result<T, E> + Send,
+) -> PyResult<T> {
     let done = py.detach(|| {
-        let pool = pool()?;
-        catch_unwind(AssertUnwindSafe(|| pool.install(job))).map_err(|panic| {
-            let text = panic.downcast_ref::<String>().map(String::as_str);
-            let text = text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("no text");
-            format!("a fault of adagio itself: {text}")
+        caught(|| {
+            let spoilt = |_| "this object is not to be used: an earlier call ended in a fault of adagio itself";
+            let (pool, mut content) = (pool()?, content.lock().map_err(spoilt)?);
+            let content: &mut C = &mut content;
+            Ok(pool.install(|| job(content)))
         })
     });
     done.map_err(PyRuntimeError::new_err)?.map_err(refused)
 }
 
-/// Do something for one block of samples after the other, `(start, size)`, and hear Ctrl-C in between.
+/// A value from the content of an object, or a change of it that cannot fail.
 ///
 /// # Errors
-/// Those of [`work`], and `KeyboardInterrupt`; the blocks before are done.
-pub fn in_blocks<E: Display + Send>(
+/// An earlier panic left the content in an unknown state.
+pub fn get<C: Send, T: Send>(py: Python<'_>, content: &Mutex<C>, job: impl FnOnce(&mut C) -> T + Send) -> PyResult<T> {
+    with(py, content, |content| Ok::<_, Infallible>(job(content)))
+}
+
+/// As [`with`] for one block of samples after the other, `(start, size)`; between them Ctrl-C is heard.
+///
+/// # Errors
+/// Those of [`with`], and `KeyboardInterrupt`; the blocks before are done.
+pub fn in_blocks<C: Send, E: Display + Send>(
     py: Python<'_>,
-    samples: usize,
-    size: usize,
-    mut job: impl FnMut(usize, usize) -> Result<(), E> + Send,
+    content: &Mutex<C>,
+    (samples, size): (usize, usize),
+    job: impl Fn(&mut C, usize, usize) -> Result<(), E> + Sync,
 ) -> PyResult<()> {
     for start in (0..samples).step_by(size) {
-        work(py, || job(start, size.min(samples - start)))?;
+        with(py, content, |content| job(content, start, size.min(samples - start)))?;
         py.check_signals()?;
     }
     Ok(())
 }
 
-/// The content of an object that several Python threads may use; call it without the interpreter, which the one that has the
-/// content may need.
-///
-/// # Errors
-/// An earlier panic left it in an unknown state.
-pub fn lock<T>(content: &Mutex<T>) -> Result<MutexGuard<'_, T>, String> {
-    content
-        .lock()
-        .map_err(|_| "this object is not to be used: an earlier call ended in a fault of adagio itself".into())
+/// A panic as an error.
+fn caught<T>(job: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
+    catch_unwind(AssertUnwindSafe(job)).unwrap_or_else(|panic| {
+        let text = panic.downcast_ref::<String>().map(String::as_str);
+        let text = text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("no text");
+        Err(format!("a fault of adagio itself: {text}"))
+    })
 }

@@ -25,8 +25,8 @@ const STEPS: usize = 20;
 const RESOLUTION: f64 = 1e-4;
 /// Observations that are judged together.
 const BLOCK: usize = 128;
-/// A width for a share is at least this share of the median distance: where half of a signal stands still, the search for a size
-/// would else go down to its noise.
+/// A width for a share is at least this share of the median distance: where half of a signal stands still, the search for a
+/// size would else go down to its noise.
 const NARROWEST: f64 = 0.5;
 
 /// The width σ at which ALD with threshold `nu` keeps `target` of the observations `x`, as nearly as any width does.
@@ -117,7 +117,7 @@ pub fn width_for_size<T: Scalar>(
     Ok(WidthForSize { sigma, size, tried })
 }
 
-/// The width at which ALD with threshold `nu` keeps a `share` of the observations `x`, but at least half the median distance.
+/// The width at which ALD with threshold `nu` keeps a `share` of the observations `x`: at least half their median distance.
 ///
 /// A start where nothing else is known; it needs no more than some hundred observations.
 ///

@@ -149,7 +149,7 @@ impl LinearSfa {
         Ok(outputs)
     }
 
-    /// As [`LinearSfa::apply`], into a matrix that exists, `k × n`, on these threads. Their number does not change the bits.
+    /// As [`LinearSfa::apply`], into a matrix that exists, `k × n`, on these threads; their number does not change the bits.
     ///
     /// # Errors
     /// Those of [`LinearSfa::apply`], a matrix of another size.

@@ -149,8 +149,8 @@ impl LinearStream {
     /// Take all frames of another stream after those of this one; no derivative leads from one to the other.
     ///
     /// # Errors
-    /// Frames of another length, or so far from those of this stream that their squares are not finite; nothing is changed
-    /// then.
+    /// Frames of another length, or so far from those of this stream that their squares are not finite; nothing is
+    /// changed then.
     pub fn append(&mut self, other: &LinearStream) -> Result<(), SlowError> {
         if other.origin.is_empty() {
             return Ok(());
@@ -192,7 +192,7 @@ impl LinearStream {
     }
 }
 
-/// What becomes of each frame of a block: the frame less the origin, and its derivative `√g·ẋ` with the weight `g` of its link.
+/// What becomes of each frame of a block: itself less the origin, and its derivative `√g·ẋ` with the weight `g` of its link.
 ///
 /// `last` is the frame before the block, less the origin, and then the last one of the block.
 fn walk(

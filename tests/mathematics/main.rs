@@ -22,6 +22,8 @@ mod slow_input;
 mod slow_kernel;
 mod slow_lanczos;
 mod slow_linear;
+#[cfg(feature = "snapshot")]
+mod snapshots;
 mod theory;
 mod value;
 mod value_estimation;

@@ -200,6 +200,83 @@ fn a_stream_and_a_batch_agree() {
     }
 }
 
+#[cfg(feature = "rayon")]
+#[test]
+fn the_blocks_of_a_stream_and_its_threads_do_not_change_the_bits() {
+    let x = random_path(5, 1300, 9);
+    let links = Link::sequences(&[300, 1000], 0.1).unwrap();
+    let mut whole = LinearStream::new();
+    whole.push(x.as_ref(), &links).unwrap();
+    let expected = whole.solve(3, 0.0).unwrap();
+    for blocks in [vec![1; 1300], vec![256, 256, 788], vec![1299, 1], vec![0, 100, 0, 1200]] {
+        let (mut stream, mut start) = (LinearStream::on(Par::rayon(3)), 0);
+        for size in blocks {
+            stream.push(x.as_ref().subcols(start, size), &links[start..start + size]).unwrap();
+            start += size;
+        }
+        assert_eq!((stream.inputs(), stream.solve(3, 0.0).unwrap()), (Some(5), expected.clone()));
+    }
+}
+
+#[test]
+fn streams_add_up_without_a_derivative_from_one_to_the_other() {
+    let x = random_path(4, 900, 10);
+    // The second begins far from the first: sums have to move to another origin.
+    let x = Mat::from_fn(4, 900, |i, t| x[(i, t)] + if t < 400 { 0.0 } else { 50.0 * (i + 1) as f64 });
+    let links = Link::sequences(&[400, 500], 0.5).unwrap();
+    let stream_of = |from: usize, to: usize| {
+        let mut stream = LinearStream::new();
+        stream.push(x.as_ref().subcols(from, to - from), &links[from..to]).unwrap();
+        stream
+    };
+    let (whole, mut both) = (stream_of(0, 900), stream_of(0, 400));
+    // Frames after the sum follow the last one of the second stream.
+    both.append(&stream_of(400, 700)).unwrap();
+    both.push(x.as_ref().subcols(700, 200), &links[700..]).unwrap();
+    let (expected, found) = (whole.solve(4, 0.0).unwrap(), both.solve(4, 0.0).unwrap());
+    for j in 0..4 {
+        assert!((found.slowness[j] / expected.slowness[j] - 1.0).abs() < 1e-9, "feature {j}");
+        assert!((found.mean[j] / expected.mean[j] - 1.0).abs() < 1e-12, "channel {j}");
+    }
+    let outputs = [&expected, &found].map(|sfa| sfa.apply(x.as_ref()).unwrap());
+    for j in 0..4 {
+        let sign = if outputs[0][(j, 0)] * outputs[1][(j, 0)] < 0.0 { -1.0 } else { 1.0 };
+        assert!((0..900).all(|t| (outputs[0][(j, t)] - sign * outputs[1][(j, t)]).abs() < 1e-9), "feature {j}");
+    }
+    // Nothing adds nothing; other channels are refused.
+    let mut empty = LinearStream::new();
+    empty.append(&whole).unwrap();
+    empty.append(&LinearStream::new()).unwrap();
+    assert_eq!(empty.solve(4, 0.0).unwrap(), expected);
+    let mut narrow = LinearStream::new();
+    narrow.push(x.as_ref().subrows(0, 3), &links).unwrap();
+    let refused = whole.clone().append(&narrow).unwrap_err();
+    assert!(matches!(refused, SlowError::Shape { found: 3, expected: 4, .. }));
+}
+
+#[test]
+fn sums_of_other_frames_and_of_moved_ones() {
+    let x = random_path(3, 200, 11);
+    let sums_of = |x: MatRef<'_, f64>, n| {
+        let mut moments = Moments::new(Par::Seq);
+        moments.widen(3).unwrap();
+        moments.add_series(x, &Link::regular(n, 1.0).unwrap(), None).unwrap();
+        moments
+    };
+    let by = [3.0, -1.0, 0.5];
+    let mut moved = sums_of(x.as_ref(), 200);
+    moved.shift(&by).unwrap();
+    let expected = sums_of(Mat::from_fn(3, 200, |i, t| x[(i, t)] + by[i]).as_ref(), 200);
+    assert!((&moved.mean() - expected.mean()).norm_max() < 1e-12);
+    assert!((&moved.covariance() - expected.covariance()).norm_max() < 1e-11);
+    assert!((&moved.rate() - expected.rate()).norm_max() < 1e-12);
+    let mut twice = moved.clone();
+    twice.append(&moved).unwrap();
+    assert_eq!((twice.frames(), twice.links()), (400.0, 398.0));
+    assert!((&twice.covariance() - moved.covariance()).norm_max() < 1e-11);
+    assert!(twice.shift(&by[..2]).is_err() && twice.append(&Moments::new(Par::Seq)).is_err());
+}
+
 #[test]
 fn impossible_requests_are_refused_with_their_numbers() {
     let x = random_path(3, 50, 6);

@@ -2,27 +2,34 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, ClassNamePrefixFeaturesOutMixin, TransformerMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from ._adagio import Ald, width_for_share
 from ._kernel import WIDTH_SAMPLES, WIDTH_SHARE
 
+if TYPE_CHECKING:
+    from typing_extensions import Self  # in typing from 3.11 on
+
 
 class ALD(ClassNamePrefixFeaturesOutMixin, TransformerMixin, BaseEstimator):
-    """A dictionary of samples that are not approximately linear combinations of each other in the space of a radial kernel.
+    """A dictionary of samples that are not approximately linear combinations of each other in the space of a radial
+    kernel.
 
-    :meth:`transform` gives Newton coordinates ``v(x) = L⁻¹ k(x)``, with the kernel values ``k(x)`` of a sample with all support
-    vectors and the Cholesky factor ``L`` of their kernel matrix. Products of coordinates are kernel values,
+    :meth:`transform` gives Newton coordinates ``v(x) = L⁻¹ k(x)``, with the kernel values ``k(x)`` of a sample with all
+    support vectors and the Cholesky factor ``L`` of their kernel matrix. Products of coordinates are kernel values,
     ``v(x) @ v(y) ≈ k(x, y)``: a linear method on `v` is the kernel method.
 
     Parameters
     ----------
     sigma : float, optional
-        Width of the kernel ``exp(-(|x - y| / (sqrt(2) sigma))**exponent)``, a distance of samples. By default it is chosen from
-        the first 500 samples of the first call: the width at which 65 % of them become support vectors, but at least half
-        of their median distance.
+        Width of the kernel ``exp(-(|x - y| / (sqrt(2) sigma))**exponent)``, a distance of samples. By default it is
+        chosen from the first 500 samples of the first call: the width at which 65 % of them become support vectors, but
+        at least half of their median distance.
     exponent : float, default=2.0
         2 for the Gaussian kernel, 1 for the Laplacian.
     nu : float, default=0.01
@@ -63,14 +70,22 @@ class ALD(ClassNamePrefixFeaturesOutMixin, TransformerMixin, BaseEstimator):
     True
     """
 
-    def __init__(self, sigma=None, *, exponent=2.0, nu=0.01, budget=2000, when_full="stop"):
+    def __init__(
+        self,
+        sigma: float | None = None,
+        *,
+        exponent: float = 2.0,
+        nu: float = 0.01,
+        budget: int = 2000,
+        when_full: str = "stop",
+    ) -> None:
         self.sigma = sigma
         self.exponent = exponent
         self.nu = nu
         self.budget = budget
         self.when_full = when_full
 
-    def fit(self, X, y=None):
+    def fit(self, X: ArrayLike, y: None = None) -> Self:
         """Choose support vectors among samples, in their order.
 
         Parameters
@@ -90,7 +105,7 @@ class ALD(ClassNamePrefixFeaturesOutMixin, TransformerMixin, BaseEstimator):
         self._ald = ald
         return self
 
-    def partial_fit(self, X, y=None):
+    def partial_fit(self, X: ArrayLike, y: None = None) -> Self:
         """Go on choosing among more samples.
 
         Parameters
@@ -112,7 +127,7 @@ class ALD(ClassNamePrefixFeaturesOutMixin, TransformerMixin, BaseEstimator):
         self._ald = ald
         return self
 
-    def transform(self, X):
+    def transform(self, X: ArrayLike) -> NDArray[np.float64]:
         """Newton coordinates of samples.
 
         Parameters
@@ -139,22 +154,22 @@ class ALD(ClassNamePrefixFeaturesOutMixin, TransformerMixin, BaseEstimator):
         return self._ald
 
     @property
-    def support_vectors_(self):
+    def support_vectors_(self) -> NDArray[np.float64]:
         """Support vectors."""
         return self._chosen().support_vectors
 
     @property
-    def indices_(self):
+    def indices_(self) -> NDArray[np.int64]:
         """Numbers of the samples that they were."""
         return self._chosen().indices
 
     @property
-    def nu_(self):
+    def nu_(self) -> float:
         """The threshold at this moment."""
         return self._chosen().nu
 
     @property
-    def sigma_(self):
+    def sigma_(self) -> float:
         """Width of the kernel."""
         return self._chosen().sigma
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
 from sklearn.utils import check_random_state
 
 from ._adagio import IncrementalStream
@@ -11,9 +13,10 @@ from ._stream import StreamEstimator
 class IncSFA(StreamEstimator):
     """Slow feature analysis sample by sample, without any covariance matrix.
 
-    Principal components make the samples white, minor components of the derivative are the slowest directions. Both follow
-    the stream for ever, with a memory of some thousand samples: features adapt, and jitter. A sample costs
-    O(n_features · n_whitened + n_whitened · n_components²). Where there is room for matrices, :class:`adagio.SFA` is exact.
+    Principal components make the samples white, minor components of the derivative are the slowest directions. Both
+    follow the stream for ever, with a memory of some thousand samples: features adapt, and jitter. A sample costs
+    O(n_features · n_whitened + n_whitened · n_components²). Where there is room for matrices, :class:`adagio.SFA` is
+    exact.
 
     Parameters
     ----------
@@ -61,16 +64,16 @@ class IncSFA(StreamEstimator):
 
     def __init__(
         self,
-        n_components=None,
+        n_components: int | None = None,
         *,
-        n_whitened=None,
-        smallest_variance=1e-6,
-        start=1e-5,
-        peak=0.01,
-        ramp=10_000,
-        dt=1.0,
-        random_state=None,
-    ):
+        n_whitened: int | None = None,
+        smallest_variance: float = 1e-6,
+        start: float = 1e-5,
+        peak: float = 0.01,
+        ramp: int = 10_000,
+        dt: float = 1.0,
+        random_state: int | np.random.RandomState | None = None,
+    ) -> None:
         self.n_components = n_components
         self.n_whitened = n_whitened
         self.smallest_variance = smallest_variance
@@ -93,6 +96,6 @@ class IncSFA(StreamEstimator):
         return self._stream
 
     @property
-    def components_(self):
+    def components_(self) -> NDArray[np.float64]:
         """Weights, features × inputs."""
         return self._solved().weights

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ._adagio import KernelStream, width_for_share
 from ._stream import StreamEstimator
 
@@ -13,17 +16,17 @@ WIDTH_SHARE = 0.65
 class KernelSFA(StreamEstimator):
     """Slow feature analysis in the space of a radial kernel: features are smooth functions of the sample.
 
-    Support vectors are chosen by approximate linear dependence (:class:`adagio.ALD`) while samples come in. Sums over the
-    coordinates of the samples are kept, and the coordinates of the last `retained` samples.
+    Support vectors are chosen by approximate linear dependence (:class:`adagio.ALD`) while samples come in. Sums over
+    the coordinates of the samples are kept, and the coordinates of the last `retained` samples.
 
     Parameters
     ----------
     n_components : int, default=5
         Number of features.
     sigma : float, optional
-        Width of the kernel ``exp(-(|x - y| / (sqrt(2) sigma))**exponent)``, a distance of samples. By default it is chosen from
-        the first 500 samples of the first call: the width at which 65 % of them become support vectors, but at least half
-        of their median distance.
+        Width of the kernel ``exp(-(|x - y| / (sqrt(2) sigma))**exponent)``, a distance of samples. By default it is
+        chosen from the first 500 samples of the first call: the width at which 65 % of them become support vectors, but
+        at least half of their median distance.
     exponent : float, default=2.0
         2 for the Gaussian kernel, 1 for the Laplacian.
     nu : float, default=0.01
@@ -68,17 +71,17 @@ class KernelSFA(StreamEstimator):
 
     def __init__(
         self,
-        n_components=5,
+        n_components: int = 5,
         *,
-        sigma=None,
-        exponent=2.0,
-        nu=0.01,
-        budget=2000,
-        when_full="stop",
-        regularizer=1e-9,
-        retained=20_000,
-        dt=1.0,
-    ):
+        sigma: float | None = None,
+        exponent: float = 2.0,
+        nu: float = 0.01,
+        budget: int = 2000,
+        when_full: str = "stop",
+        regularizer: float = 1e-9,
+        retained: int = 20_000,
+        dt: float = 1.0,
+    ) -> None:
         self.n_components = n_components
         self.sigma = sigma
         self.exponent = exponent
@@ -99,11 +102,11 @@ class KernelSFA(StreamEstimator):
         return self._stream.solve(self.n_components, self.regularizer)
 
     @property
-    def support_vectors_(self):
+    def support_vectors_(self) -> NDArray[np.float64]:
         """Support vectors."""
         return self._solved().support_vectors
 
     @property
-    def sigma_(self):
+    def sigma_(self) -> float:
         """Width of the kernel."""
         return self._solved().sigma

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
 from sklearn.base import clone
 
 from ._adagio import LinearStream
@@ -12,8 +14,8 @@ class SFA(StreamEstimator):
     """Slow feature analysis: the weighted sums of a series that change as slowly as possible.
 
     Features have mean 0, variance 1 and no correlation over the samples of the fit. The first one is the slowest.
-    Sums over the samples are kept, and no samples. So :meth:`partial_fit` in a loop gives the bits of one :meth:`fit`, and
-    estimators can be added: ``a + b`` has learned from the samples of both.
+    Sums over the samples are kept, and no samples. So :meth:`partial_fit` in a loop gives the bits of one :meth:`fit`,
+    and estimators can be added: ``a + b`` has learned from the samples of both.
 
     Parameters
     ----------
@@ -53,7 +55,7 @@ class SFA(StreamEstimator):
     True
     """
 
-    def __init__(self, n_components=None, *, regularizer=0.0, dt=1.0):
+    def __init__(self, n_components: int | None = None, *, regularizer: float = 0.0, dt: float = 1.0) -> None:
         self.n_components = n_components
         self.regularizer = regularizer
         self.dt = dt
@@ -65,21 +67,21 @@ class SFA(StreamEstimator):
         return self._stream.solve(self.n_components, self.regularizer)
 
     @property
-    def components_(self):
+    def components_(self) -> NDArray[np.float64]:
         """Weights, features × inputs."""
         return self._solved().weights
 
     @property
-    def mean_(self):
+    def mean_(self) -> NDArray[np.float64]:
         """Mean of the samples."""
         return self._solved().mean
 
     @property
-    def rank_deficit_(self):
+    def rank_deficit_(self) -> int:
         """Number of inputs that say nothing new."""
         return self._solved().rank_deficit
 
-    def __add__(self, other):
+    def __add__(self, other: SFA) -> SFA:
         """What was learned by both, with the parameters of the first; no derivative leads from one to the other."""
         if not isinstance(other, SFA):
             return NotImplemented

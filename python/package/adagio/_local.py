@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted
 
 from . import _adagio
-from ._transitions import action_numbers, flags, number_of_actions, numbers, states
+from ._arrays import action_numbers, flags, number_of_actions, numbers, states
+
+if TYPE_CHECKING:
+    from typing_extensions import Self  # in typing from 3.11 on
 
 
 class LocalValues(BaseEstimator):
-    """Values of actions by fitted Q iteration: each is a linear regression over the nearest transitions with that action.
+    """Values of actions by fitted Q iteration: each is a linear regression over the nearest transitions with that
+    action.
 
     States are points whose distances say how near they are, such as slow features.
 
@@ -19,7 +27,8 @@ class LocalValues(BaseEstimator):
     n_neighbors : int, default=16
         Transitions with the same action that a value is estimated from.
     ridge : float, default=0.3
-        Ridge on the slopes of the regression, in mean squared distances of the neighbours. Large values leave a weighted mean.
+        Ridge on the slopes of the regression, in mean squared distances of the neighbours. Large values leave a
+        weighted mean.
     gamma : float, default=0.9
         Discount per action, in [0, 1).
     n_actions : int, optional
@@ -55,13 +64,28 @@ class LocalValues(BaseEstimator):
     (array([1]), 1.0)
     """
 
-    def __init__(self, n_neighbors=16, *, ridge=0.3, gamma=0.9, n_actions=None):
+    def __init__(
+        self,
+        n_neighbors: int = 16,
+        *,
+        ridge: float = 0.3,
+        gamma: float = 0.9,
+        n_actions: int | None = None,
+    ) -> None:
         self.n_neighbors = n_neighbors
         self.ridge = ridge
         self.gamma = gamma
         self.n_actions = n_actions
 
-    def fit(self, points, actions, rewards, next_points, *, terminal=None):
+    def fit(
+        self,
+        points: ArrayLike,
+        actions: ArrayLike,
+        rewards: ArrayLike,
+        next_points: ArrayLike,
+        *,
+        terminal: ArrayLike | None = None,
+    ) -> Self:
         """Learn from transitions.
 
         Parameters
@@ -97,7 +121,7 @@ class LocalValues(BaseEstimator):
         self.n_features_in_ = points.shape[1]
         return self
 
-    def action_values(self, points):
+    def action_values(self, points: ArrayLike) -> NDArray[np.float64]:
         """Values of all actions.
 
         Parameters
@@ -112,7 +136,7 @@ class LocalValues(BaseEstimator):
         """
         return self._fitted().action_values(states("points", points))
 
-    def policy(self, points):
+    def policy(self, points: ArrayLike) -> NDArray[np.int64]:
         """The action of the largest value.
 
         Parameters
@@ -131,17 +155,17 @@ class LocalValues(BaseEstimator):
         return self._fit
 
     @property
-    def n_iter_(self):
+    def n_iter_(self) -> int:
         """Sweeps done."""
         return self._fitted().iterations
 
     @property
-    def converged_(self):
+    def converged_(self) -> bool:
         """Whether values settled."""
         return self._fitted().converged
 
     @property
-    def arrival_(self):
+    def arrival_(self) -> float:
         """Share of the transitions after which the greedy policy arrives."""
         return self._fitted().arrival
 

@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator
 from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted
 
 from ._adagio import lspi
-from ._transitions import action_numbers, flags, number_of_actions, numbers, states
+from ._arrays import action_numbers, flags, number_of_actions, numbers, states
+
+if TYPE_CHECKING:
+    from typing_extensions import Self  # in typing from 3.11 on
 
 
 class LSPI(BaseEstimator):
     """Values of actions that are linear in features, and the policy that acts on them.
 
-    Each policy is evaluated by least squares over all transitions (LSQ), then moved towards the greedy policy of its values.
+    Each policy is evaluated by least squares over all transitions (LSQ), then moved towards the greedy policy of its
+    values.
 
     Parameters
     ----------
@@ -23,8 +30,8 @@ class LSPI(BaseEstimator):
     ridge : float, default=0.0
         Added to the diagonal of the system of equations.
     mixing : float, default=0.3
-        Share of the greedy policy in each step, in (0, 1]. With 1 this is the iteration of Lagoudakis & Parr, which can run in
-        circles.
+        Share of the greedy policy in each step, in (0, 1]. With 1 this is the iteration of Lagoudakis & Parr, which can
+        run in circles.
     max_iter : int, default=100
         Evaluations at most.
     tol : float, default=1e-6
@@ -69,18 +76,18 @@ class LSPI(BaseEstimator):
 
     def __init__(
         self,
-        gamma=0.9,
+        gamma: float = 0.9,
         *,
-        ridge=0.0,
-        mixing=0.3,
-        max_iter=100,
-        tol=1e-6,
-        start="uniform",
-        soft=False,
-        closeness=None,
-        n_actions=None,
-        random_state=None,
-    ):
+        ridge: float = 0.0,
+        mixing: float = 0.3,
+        max_iter: int = 100,
+        tol: float = 1e-6,
+        start: str = "uniform",
+        soft: bool = False,
+        closeness: float | None = None,
+        n_actions: int | None = None,
+        random_state: int | np.random.RandomState | None = None,
+    ) -> None:
         self.gamma = gamma
         self.ridge = ridge
         self.mixing = mixing
@@ -92,7 +99,16 @@ class LSPI(BaseEstimator):
         self.n_actions = n_actions
         self.random_state = random_state
 
-    def fit(self, phi, actions, rewards, next_phi, *, terminal=None, sample_weight=None):
+    def fit(
+        self,
+        phi: ArrayLike,
+        actions: ArrayLike,
+        rewards: ArrayLike,
+        next_phi: ArrayLike,
+        *,
+        terminal: ArrayLike | None = None,
+        sample_weight: ArrayLike | None = None,
+    ) -> Self:
         """Learn from transitions.
 
         Parameters
@@ -139,7 +155,7 @@ class LSPI(BaseEstimator):
         self.n_features_in_ = phi.shape[1]
         return self
 
-    def action_values(self, phi):
+    def action_values(self, phi: ArrayLike) -> NDArray[np.float64]:
         """Values of all actions.
 
         Parameters
@@ -154,7 +170,7 @@ class LSPI(BaseEstimator):
         """
         return self._fitted().action_values(states("phi", phi))
 
-    def policy(self, phi):
+    def policy(self, phi: ArrayLike) -> NDArray[np.int64]:
         """The action of the largest value.
 
         Parameters
@@ -173,22 +189,22 @@ class LSPI(BaseEstimator):
         return self._fit
 
     @property
-    def coef_(self):
+    def coef_(self) -> NDArray[np.float64]:
         """Weights, actions × features."""
         return self._fitted().weights
 
     @property
-    def n_iter_(self):
+    def n_iter_(self) -> int:
         """Evaluations done."""
         return self._fitted().iterations
 
     @property
-    def converged_(self):
+    def converged_(self) -> bool:
         """Whether weights and policy stopped changing."""
         return self._fitted().converged
 
     @property
-    def cycle_(self):
+    def cycle_(self) -> int | None:
         """Length of the circle that the policy ran in, if it did."""
         return self._fitted().cycle
 

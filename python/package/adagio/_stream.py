@@ -1,18 +1,33 @@
-"""What the estimators of slow features have in common: samples go into a stream, and its model is solved when it is needed."""
+"""What the estimators of slow features have in common: samples go into a stream, and its model is solved when it is
+needed."""
 
 from __future__ import annotations
 
 import operator
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, ClassNamePrefixFeaturesOutMixin, TransformerMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
+
+from ._arrays import numbers
+
+if TYPE_CHECKING:
+    from typing_extensions import Self  # in typing from 3.11 on
 
 
 class StreamEstimator(ClassNamePrefixFeaturesOutMixin, TransformerMixin, BaseEstimator):
     """An estimator over a stream. Subclasses have ``_begin(x)``, a stream, and ``_solve()``, its model."""
 
-    def fit(self, X, y=None, lengths=None, times=None):
+    def fit(
+        self,
+        X: ArrayLike,
+        y: None = None,
+        lengths: Sequence[int] | None = None,
+        times: ArrayLike | None = None,
+    ) -> Self:
         """Learn from a series.
 
         Parameters
@@ -37,10 +52,17 @@ class StreamEstimator(ClassNamePrefixFeaturesOutMixin, TransformerMixin, BaseEst
         self._solved()
         return self
 
-    def partial_fit(self, X, y=None, lengths=None, times=None):
+    def partial_fit(
+        self,
+        X: ArrayLike,
+        y: None = None,
+        lengths: Sequence[int] | None = None,
+        times: ArrayLike | None = None,
+    ) -> Self:
         """Go on learning with more samples.
 
-        Without `lengths`, the first sample follows the last one of the call before. With `lengths`, it begins a new sequence.
+        Without `lengths`, the first sample follows the last one of the call before. With `lengths`, it begins a new
+        sequence.
 
         Parameters
         ----------
@@ -65,7 +87,7 @@ class StreamEstimator(ClassNamePrefixFeaturesOutMixin, TransformerMixin, BaseEst
         self._take(stream)
         return self
 
-    def transform(self, X):
+    def transform(self, X: ArrayLike) -> NDArray[np.float64]:
         """Slow features of samples.
 
         Parameters
@@ -81,7 +103,13 @@ class StreamEstimator(ClassNamePrefixFeaturesOutMixin, TransformerMixin, BaseEst
         model = self._solved()
         return model.apply(validate_data(self, X, dtype=np.float64, order="C", reset=False))
 
-    def fit_transform(self, X, y=None, lengths=None, times=None):
+    def fit_transform(
+        self,
+        X: ArrayLike,
+        y: None = None,
+        lengths: Sequence[int] | None = None,
+        times: ArrayLike | None = None,
+    ) -> NDArray[np.float64]:
         """Learn from a series, and give the features of its samples.
 
         Parameters
@@ -97,7 +125,7 @@ class StreamEstimator(ClassNamePrefixFeaturesOutMixin, TransformerMixin, BaseEst
         return self.fit(X, y, lengths=lengths, times=times).transform(X)
 
     @property
-    def delta_values_(self):
+    def delta_values_(self) -> NDArray[np.float64]:
         """Slowness of each feature: the mean square of its derivative, ascending."""
         return self._solved().slowness
 
@@ -125,4 +153,4 @@ def _lengths(lengths):
 
 
 def _times(times):
-    return None if times is None else np.ascontiguousarray(times, dtype=np.float64)
+    return None if times is None else numbers("times", times)

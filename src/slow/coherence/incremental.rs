@@ -150,8 +150,8 @@ impl IncrementalSlow {
         self.frames
     }
 
-    /// Slowness of each feature, the mean square of its derivative, `k`: an amnesic average over about the last 2000 frames,
-    /// while the features themselves change.
+    /// Slowness of each feature, the mean square of its derivative, `k`: an amnesic average over about the last 2000
+    /// frames, while the features themselves change.
     pub fn slowness(&self) -> &[f64] {
         &self.slowness
     }

@@ -21,7 +21,7 @@ use crate::dictionary::{Ald, DictionaryError, Parameters, Reservoir, Selection, 
 use crate::kernel::{Kernel, KernelError};
 use crate::policy::columns;
 use crate::robot::Action;
-use crate::scenario::{self, Scenario, SelectionRule};
+use crate::scenario::{Scenario, SelectionRule};
 use crate::slow::{Link, SlowError, SlowStream, StreamOptions};
 use crate::value::{Transition, Window};
 use crate::vision::Observation;

@@ -1,4 +1,4 @@
-"""Transitions as arrays that the library takes."""
+"""Arguments as arrays that the library takes."""
 
 from __future__ import annotations
 
