@@ -203,10 +203,11 @@ fn an_image_file_can_paper_a_wall() {
 const REFERENCE: &str =
     "<!-- Everything below is made from the keys: ADAGIO_BLESS=1 cargo test --release --test agent reference -->\n";
 
-/// Robots that take velocities.
-const OTHER_BODIES: [&str; 2] = [
+/// Robots that take velocities, and one that another program drives.
+const OTHER_BODIES: [&str; 3] = [
     "robot.body = \"dynamic\"\n[[world.room]]\ncorners = [[0, 0], [3, 2]]\n[[world.movable]]\nat = [0.5, 0.5]\n[[task]]\n",
     "robot.body = \"ros2\"\n[[world.room]]\ncorners = [[0, 0], [3, 2]]\n[[task]]\n",
+    "robot.body = \"program\"\n[[action]]\n[[task]]\nreward = \"topic\"\n",
 ];
 
 /// The titles of a text's sections.
