@@ -54,8 +54,8 @@ class Ring:
 
 def agent_of(ring, out, **settings):
     """An agent that soon acts on what it has learned."""
-    defaults = {"actions": 2000, "policy": {"explore_actions": 400, "pursue_share": 0.5}}
-    return adagio.Agent(out=out, action=ring.actions, **{**defaults, **settings})
+    defaults = {"action": ring.actions, "actions": 2000, "policy": {"explore_actions": 400, "pursue_share": 0.5}}
+    return adagio.Agent(out=out, **{**defaults, **settings})
 
 
 def drive(agent, ring, actions):

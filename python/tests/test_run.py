@@ -2,6 +2,7 @@
 
 import json
 import tempfile
+import time
 
 import numpy as np
 import pytest
@@ -68,17 +69,19 @@ def test_features_and_values_of_images(recorded):
     assert features.shape == (24, run.frames["features"].shape[1]) and features.dtype == np.float64
     assert q.shape == (24, 4)
     # The observations that the run has made are those of the same pictures.
-    one = np.flatnonzero((run.frames["features"] == features[3]).all(axis=1))[0]
+    one = np.flatnonzero(np.isclose(run.frames["features"], features[3], atol=1e-12).all(axis=1))[0]
     np.testing.assert_array_equal(q[3], run.frames["q_values"][one, 0])
     np.testing.assert_array_equal(run.features(list(ring.pictures)), features)
-    np.testing.assert_array_equal(run.features(ring.pictures[3]), features[3:4])
+    # The products of many columns at a time differ in their last bits.
+    np.testing.assert_allclose(run.features(ring.pictures[3]), features[3:4], rtol=0, atol=1e-12)
     np.testing.assert_array_equal(run.features(ring.pictures[:, ::-1][:, ::-1]), features)
     np.testing.assert_array_equal(run.q_values(ring.pictures[3], 0), q[3:4])
     grey = ring.pictures[..., 0]
     np.testing.assert_array_equal(run.features(grey[3]), run.features(np.repeat(grey[3, ..., None], 3, axis=2)))
-    # Of another size: two by two pixels for each one.
-    large = ring.pictures.repeat(2, axis=1).repeat(2, axis=2)
-    np.testing.assert_allclose(run.features(large), features, atol=0.1)
+    # Of another size: some pixels for each one of an observation.
+    small = run.frames["observation"][:5]
+    large = small.repeat(2, axis=1).repeat(3, axis=2)
+    np.testing.assert_array_equal(run.features(large), run.features(small))
     assert run.features([]).shape == (0, features.shape[1])
     # A step towards the goal is worth more than one away from it.
     assert (q[4:9, 1] > q[4:9, 0]).all() and (q[15:20, 0] > q[15:20, 1]).all()
@@ -87,12 +90,13 @@ def test_features_and_values_of_images(recorded):
 def test_a_run_without_a_model_says_so(tmp_path):
     ring = Ring(2)
     agent = agent_of(ring, tmp_path / "run")
-    drive(agent, ring, 5)
-    run = adagio.open(agent.run)  # while it goes on
-    assert run.report is None
+    agent.act(ring.picture)
+    time.sleep(1.5)  # the log is flushed once a second
+    run = adagio.open(agent.run)
+    assert run.report is None and len(run.frames["frame"]) > 0
     agent.close()
     run = adagio.open(agent.run)
-    assert run.report["run"]["actions"] == 5 and len(run.frames["frame"]) == 6
+    assert run.report["run"]["frames"] == len(run.frames["frame"]) == 1
     assert "features" not in run.frames and run.about["model"] is None
     for call in (lambda: run.features(ring.picture), lambda: run.q_values(ring.picture, "goal"), lambda: run.model):
         with pytest.raises(RuntimeError, match="holds no checkpoint: the run ended before its first model"):
@@ -118,7 +122,8 @@ def test_what_does_not_exist_is_said(recorded, tmp_path):
 
 def test_damage_is_warned_of(recorded, tmp_path):
     whole = (recorded[1] / "run_000.mcap").read_bytes()
-    (tmp_path / "run_000.mcap").write_bytes(whole[: len(whole) // 2] + bytes(1000) + whole[len(whole) // 2 + 1000 :])
+    at = len(whole) // 10
+    (tmp_path / "run_000.mcap").write_bytes(whole[:at] + bytes(1000) + whole[at + 1000 :])
     run = adagio.open(tmp_path)
     with pytest.warns(UserWarning, match="frames or records of .* could not be used"):
         assert 0 < len(run.frames["frame"]) < 1201

@@ -177,6 +177,7 @@ impl Session {
     /// # Errors
     /// No action was taken, see [`show`](Session::show) for the others.
     pub fn observe(&mut self, image: Image, pose: Option<Pose>) -> Result<(), SessionError> {
+        self.is_open()?;
         if self.turn != Turn::Show {
             let text = "no action is under way that this image could have been taken during: the first image of a run, and of an \
                 episode, is shown with act";

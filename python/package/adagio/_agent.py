@@ -1,7 +1,12 @@
 """`Agent`: explores, learns and acts, called with one image after the other."""
 
+from __future__ import annotations
+
 import json
+import os
 from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,8 +19,8 @@ class Agent:
     Parameters
     ----------
     scenario : path, optional
-        A scenario file with ``robot.body = "program"``. Without one, the scenario is made of the settings: its tasks are those
-        of ``task=``, or one named *goal* whose rewards are those that `act` is given.
+        A scenario file with ``robot.body = "program"``. Without one, the scenario is made of the settings: its tasks
+        are those of ``task=``, or one named *goal* whose rewards are those that `act` is given.
     out : path, optional
         The folder of the run, which must not exist yet; by default a new one under ``logs/``.
     **settings
@@ -34,18 +39,34 @@ class Agent:
 
     Notes
     -----
-    Images are learned from and decided on by the actors of ``adagio run``, on threads that do not hold the interpreter. In
-    lockstep, the default, what is decided follows from the images alone, so that ``adagio replay RUN --verify`` repeats it.
-    One thread at a time may call it. Memory is bounded by the scenario's budgets. The log grows in the folder of the run.
+    Images are learned from and decided on by the actors of ``adagio run``, on threads that do not hold the interpreter.
+    In lockstep, the default, what is decided follows from the images alone, so that ``adagio replay RUN --verify``
+    repeats it. One thread at a time may call it. Memory is bounded by the scenario's budgets. The log grows in the
+    folder of the run.
 
     Examples
     --------
-    >>> agent = adagio.Agent(actions=20000, action=[{"name": "left"}, {"name": "right"}, {"name": "ahead"}])
-    >>> action = agent.act(image)                        # the first image
-    >>> action = agent.act(image, reward=1.0)            # the image behind that action, and what it came to
+    >>> import tempfile
+    >>> import numpy as np
+    >>> import adagio
+    >>> image = np.zeros((32, 64, 3), np.uint8)
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> actions = [{"name": "left"}, {"name": "right"}, {"name": "ahead"}]
+    >>> agent = adagio.Agent(out=folder.name + "/run", actions=20000, action=actions)
+    >>> action = agent.act(image)  # the first image
+    >>> action = agent.act(image, reward=1.0)  # the image behind that action, and what it came to
+    >>> agent.close()["run"]["frames"]
+    2
+    >>> folder.cleanup()
     """
 
-    def __init__(self, scenario=None, *, out=None, **settings):
+    def __init__(
+        self,
+        scenario: str | os.PathLike[str] | None = None,
+        *,
+        out: str | os.PathLike[str] | None = None,
+        **settings: Any,
+    ):
         text, sets = "", []
         if scenario is None:
             text = _toml(_with_defaults(settings))
@@ -54,13 +75,14 @@ class Agent:
         self._agent = _adagio.Agent.begin(scenario, text, sets, out)
 
     @classmethod
-    def resume(cls, run):
+    def resume(cls, run: str | os.PathLike[str]) -> Agent:
         """Go on with a run that was interrupted or closed before its last action.
 
         Parameters
         ----------
         run : path
-            Its folder. It is learned from its log, or its saved state is restored; nothing that it had recorded is lost.
+            Its folder. It is learned from its log, or its saved state is restored; nothing that it had recorded is
+            lost.
 
         Returns
         -------
@@ -72,18 +94,27 @@ class Agent:
         return agent
 
     @property
-    def run(self):
+    def run(self) -> Path:
         return self._agent.run
 
     @property
-    def actions(self):
+    def actions(self) -> list[str]:
         return self._agent.actions
 
     @property
-    def tasks(self):
+    def tasks(self) -> list[str]:
         return self._agent.tasks
 
-    def act(self, image, *, reward=None, pose=None, blocked=False, done=False, reset=False):
+    def act(
+        self,
+        image: np.ndarray,
+        *,
+        reward: float | Mapping[str, float] | None = None,
+        pose: tuple[float, float, float] | None = None,
+        blocked: bool = False,
+        done: bool = False,
+        reset: bool = False,
+    ) -> int | None:
         """Show the image behind the last action, and decide on the next.
 
         Parameters
@@ -117,24 +148,27 @@ class Agent:
 
         Notes
         -----
-        Ctrl-C raises KeyboardInterrupt while the agent decides. The image was shown then: the next call returns the action behind it,
-        and looks at its own image only if that is a `reset`.
+        Ctrl-C raises KeyboardInterrupt while the agent decides. The image was shown then: the next call returns the
+        action behind it, and looks at its own image only if that is a `reset`.
         """
         return self._agent.act(_pixels(image), _rewards(reward), _pose(pose), bool(blocked), bool(done), bool(reset))
 
-    def observe(self, image, *, pose=None):
-        """Show an image that was taken during the action that `act` gave: features learn from it, too. Parameters are those of `act`."""
+    def observe(self, image: np.ndarray, *, pose: tuple[float, float, float] | None = None) -> None:
+        """Show an image that was taken during the action that `act` gave: features learn from it, too.
+
+        Parameters are those of `act`.
+        """
         self._agent.observe(_pixels(image), _pose(pose))
 
-    def mark(self, task):
-        """The next image shows the goal of a task with ``goal = "shown"``; ``"forget NAME"`` takes back what was marked."""
+    def mark(self, task: str) -> None:
+        """The next image shows the goal of a task with ``goal = "shown"``; ``"forget NAME"`` takes such marks back."""
         self._agent.mark(task)
 
-    def goto(self, task):
-        """Drive to the goal of a task from the next image on, however long that takes; ``None``: wherever the schedule goes."""
+    def goto(self, task: str | None) -> None:
+        """Drive to the goal of a task from the next image on, however long it takes; ``None``: by the schedule."""
         self._agent.goto("" if task is None else task)
 
-    def close(self):
+    def close(self) -> dict[str, Any]:
         """End the run: the log is closed, ``report.json`` and the page with drawings are written.
 
         Returns
@@ -144,10 +178,10 @@ class Agent:
         """
         return json.loads(self._agent.close())
 
-    def __enter__(self):
+    def __enter__(self) -> Agent:
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 

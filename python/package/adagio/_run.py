@@ -1,11 +1,15 @@
 """`open`: a recorded run as arrays, and what its newest model makes of images."""
 
+from __future__ import annotations
+
 import json
 import operator
+import os
 import tempfile
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +17,7 @@ from . import _adagio
 from ._agent import _pixels
 
 
-def open(run):
+def open(run: str | os.PathLike[str]) -> Run:
     """Open a recorded run.
 
     Parameters
@@ -33,8 +37,8 @@ def open(run):
     return Run(run)
 
 
-class Table(Mapping):
-    """Arrays of one length by their names, each read when it is asked for; ``repr`` says what each is."""
+class Table(Mapping[str, np.ndarray]):
+    """Arrays by their names, each read when it is asked for; ``repr`` says what each is."""
 
     def __init__(self, name, archive, about):
         self._name, self._archive, self._about, self._read = name, archive, about, {}
@@ -57,7 +61,7 @@ class Table(Mapping):
         return "\n".join([f"{self._name}:", *lines])
 
 
-def _table(name, doc):
+def _table(name: str, doc: str) -> Any:
     """A property: a table, by its name."""
     return property(lambda run: run._table(name), doc=doc)
 
@@ -81,12 +85,21 @@ class Run:
 
     Examples
     --------
-    >>> run = adagio.open("logs/lab-seed1")
-    >>> run.frames["pose"], run.frames["features"], run.transitions["rewards"]
-    >>> run.q_values(image, "centre")
+    Two images of a run that two actions were decided on in.
+
+    >>> import tempfile
+    >>> import numpy as np
+    >>> import adagio
+    >>> image = np.zeros((32, 64, 3), np.uint8)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     with adagio.Agent(out=folder + "/run", action=[{"name": "left"}, {"name": "right"}]) as agent:
+    ...         _ = agent.act(image), agent.act(image, reward=0.5)
+    ...     run = adagio.open(agent.run)
+    ...     run.actions, run.frames["observation"].shape, run.transitions["rewards"].tolist()
+    (['left', 'right'], (2, 16, 32, 3), [[0.5]])
     """
 
-    def __init__(self, run):
+    def __init__(self, run: str | os.PathLike[str]):
         self._run = Path(run)
         self._recorded = _adagio.Recorded(self._run)
         self._tables = None
@@ -101,19 +114,19 @@ class Run:
     model = _table("model", "The newest model itself. RuntimeError where there is none.")
 
     @property
-    def scenario(self):
+    def scenario(self) -> str:
         return self._recorded.scenario
 
     @property
-    def actions(self):
+    def actions(self) -> list[str]:
         return self._recorded.actions
 
     @property
-    def tasks(self):
+    def tasks(self) -> list[str]:
         return self._recorded.tasks
 
     @property
-    def report(self):
+    def report(self) -> dict[str, Any] | None:
         folder = self._run if self._run.is_dir() else self._run.parent
         try:
             return json.loads((folder / "report.json").read_text(encoding="utf-8"))
@@ -121,11 +134,11 @@ class Run:
             return None
 
     @property
-    def about(self):
+    def about(self) -> dict[str, Any]:
         self._export()
         return self._about
 
-    def features(self, images):
+    def features(self, images: np.ndarray | Sequence[np.ndarray]) -> np.ndarray:
         """Slow features of images, by the newest model.
 
         Parameters
@@ -147,7 +160,7 @@ class Run:
         """
         return self._recorded.features(_stack(images))
 
-    def q_values(self, images, task):
+    def q_values(self, images: np.ndarray | Sequence[np.ndarray], task: str | int) -> np.ndarray:
         """Values of all actions, by the newest model.
 
         Parameters

@@ -1,5 +1,7 @@
 """Gymnasium environments with images and discrete actions, driven by an `Agent`."""
 
+import operator
+
 import numpy as np
 
 from ._adagio import RunOver
@@ -47,9 +49,11 @@ class Loop:
         if action is None:
             action = agent.actions if agent else [f"action {number}" for number in range(count)]
         listed = [{"name": of} if isinstance(of, str) else dict(of) for of in action]
+        if not listed:
+            raise ValueError("there are no actions: leave action out, or name some")
         self._does = []
         for number, of in enumerate(listed):
-            does, repeat = of.pop("action", number), of.pop("repeat", 1)
+            does, repeat = operator.index(of.pop("action", number)), operator.index(of.pop("repeat", 1))
             if not 0 <= does < count or repeat < 1:
                 raise ValueError(f"{of}: action = {does}, repeat = {repeat}: allowed are 0 to {count - 1}, and 1 or more")
             self._does.append((first + does, repeat))
