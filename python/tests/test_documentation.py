@@ -2,10 +2,13 @@
 
 import contextlib
 import doctest
-import importlib
+import importlib.util
 import io
+import os
 import pkgutil
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -19,12 +22,27 @@ def test_docstrings(name):
     assert doctest.testmod(module).failed == 0
 
 
+README = (Path(__file__).parent.parent / "README.md").read_text()
+SERIES, ROOM = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+
+
 def test_readme():
-    text = (Path(__file__).parent.parent / "README.md").read_text()
-    (example,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
-        exec(example, {})
+        exec(SERIES, {})
     assert float(printed.getvalue().splitlines()[0]) > 0.99
     for name in adagio.__all__:
-        assert f"| `{name}` |" in text
+        assert f"| `{name}` |" in README
+
+
+def test_readme_room(tmp_path):
+    if not importlib.util.find_spec("miniworld"):
+        assert not os.environ.get("ADAGIO_REQUIRE_WORLDS"), "miniworld is missing"
+        pytest.skip("miniworld is not installed")
+    short = ROOM.replace("steps=10_000", "steps=300")
+    assert short != ROOM
+    printed = subprocess.run([sys.executable, "-c", short], cwd=tmp_path, check=True, capture_output=True, text=True)
+    assert "'ended': 0" in printed.stdout  # it explores for longer than that
+    run = adagio.open(tmp_path / "logs" / "agent-seed1")
+    assert run.actions == ["left", "right", "ahead"] and run.report["run"]["actions"] >= 299
+    assert len(run.frames["observation"]) > 2 * 299  # and those between
