@@ -373,11 +373,11 @@ fn a_client_of_nav2_sends_it_somewhere_and_hears_how_that_goes() {
     let folder = tempfile::tempdir().unwrap();
     let _peer = Peer::start(&python, domain(5), &["--kinds", "twice", "--faults", "500", "--patience", "200"]);
     let path = folder.path().to_owned();
-    // Goals so large that any policy arrives.
+    // Goals so large that any policy arrives, if late: it is learned from a few hundred frames.
     let sets = ["task.0.radius=1.6", "dictionary.sigma_frames=40", "agent.resolve_frames=40", "agent.latency_frames=5"];
     let ran = std::thread::spawn(move || run(&path, domain(5), &sets));
     let heard = navigate(domain(5), &[[99.0, 1.0], [1.0, 1.2], [3.0, 1.6]]);
-    let next = || heard.recv_timeout(Duration::from_secs(150)).expect("a result");
+    let next = || heard.recv_timeout(Duration::from_secs(400)).expect("a result");
     let (status, reason, _) = next();
     assert_eq!(status, GoalStatusEnum::Aborted);
     assert!(reason.contains("cannot be at (99, 1)"), "{reason}");
