@@ -95,7 +95,7 @@ pub struct Log {
 
 impl Agent {
     pub(super) fn read(s: &mut Section<'_, '_>, robot: &Robot) -> Self {
-        // A program gives as many frames as it likes.
+        // A model for each 1 000 actions, as in the lab, however many frames a program gives of each.
         let resolve_frames = if robot.body == Body::Program { 1000 * robot.frames_per_action } else { 5000 };
         Agent {
             mode: s.choice(
