@@ -87,13 +87,18 @@ impl BehaviourSchedule {
         }
     }
 
-    /// Somebody sends the robot somewhere: from the next action on, for as long as it takes; it explores until there is a policy for
-    /// that. Another pursuit that is under way is given up, and counts for nothing.
+    /// Somebody sends the robot somewhere: from the next action on, for as long as it takes. It explores until there is a policy for
+    /// that, and for a while after each pursuit that was given up: a policy that knows a part of the room alone may never leave that
+    /// part. Another pursuit that is under way is given up, and counts for nothing. It may be said again and again.
     pub fn send(&mut self, goto: Goto) {
-        self.sent = match goto {
+        let sent = match goto {
             Goto::Task(task) => Some(task),
             Goto::Schedule => None,
         };
+        if sent.is_some() && sent == self.sent {
+            return;
+        }
+        self.sent = sent;
         if self.sent.is_none_or(|task| self.leg != Behaviour::Pursue(task)) {
             (self.leg, self.left) = (Behaviour::Explore, 0);
         }
@@ -126,10 +131,14 @@ impl BehaviourSchedule {
                 self.tallies[task].reached += usize::from(arrived);
                 let sent = arrived && self.sent.take_if(|sent| *sent == task).is_some();
                 ended = Some(PursuitEnd { task, arrived, actions: self.pursue_timeout - self.left, sent });
-                let then = if arrived { self.then[task] } else { Then::Schedule };
-                self.begin(then, action, in_goal, able);
+                if self.sent == Some(task) {
+                    (self.leg, self.left) = (Behaviour::Explore, self.explore_length);
+                } else {
+                    let then = if arrived { self.then[task] } else { Then::Schedule };
+                    self.begin(then, action, in_goal, able);
+                }
             }
-        } else if self.left == 0 || self.sent.is_some_and(able) {
+        } else if self.left == 0 {
             self.begin(Then::Schedule, action, in_goal, able);
         }
         self.left -= 1;
@@ -147,8 +156,9 @@ impl BehaviourSchedule {
     }
 
     fn begin(&mut self, then: Then, action: usize, in_goal: &dyn Fn(usize) -> bool, able: &dyn Fn(usize) -> bool) {
-        if let Some(task) = self.sent.filter(|&task| able(task)) {
-            (self.leg, self.left) = (Behaviour::Pursue(task), self.pursue_timeout);
+        if let Some(task) = self.sent {
+            let pursuit = (Behaviour::Pursue(task), self.pursue_timeout);
+            (self.leg, self.left) = if able(task) { pursuit } else { (Behaviour::Explore, 1) };
             return;
         }
         let drawn = self.rng.random_range(0.0..1.0) < self.share(action);
@@ -200,16 +210,20 @@ mod tests {
         let scenario = Scenario::parse(text, "lab.toml".as_ref(), &[]).unwrap();
         let mut schedule = BehaviourSchedule::new(&scenario, stream(1, "legs"));
         let (never, always) = (|_: usize| false, |_: usize| true);
-        // Without a policy for it, it explores; then it goes there, also when a pursuit has taken too long.
+        // Without a policy for it, it explores; then it goes there, and explores again when a pursuit has taken too long.
         schedule.send(Goto::Task(1));
         assert_eq!(schedule.next(0, &never, &never).0, Behaviour::Explore);
+        let (pursues, explores) = (scenario.policy.pursue_timeout, scenario.policy.explore_length);
         let mut ends = Vec::new();
         for action in 1..200 {
+            schedule.send(Goto::Task(1));
             let (leg, ended) = schedule.next(action, &never, &always);
-            assert_eq!(leg, Behaviour::Pursue(1), "action {action}");
+            let pursued = (action - 1) % (pursues + explores) < pursues;
+            assert_eq!(leg == Behaviour::Pursue(1), pursued, "action {action}: {leg:?}");
             ends.extend(ended);
         }
-        assert!(!ends.is_empty() && ends.iter().all(|end| !end.arrived && !end.sent));
+        assert_eq!(ends.len(), 2);
+        assert!(ends.iter().all(|end| !end.arrived && !end.sent));
         let (leg, ended) = schedule.next(200, &|task| task == 1, &always);
         assert_eq!((leg, schedule.sent()), (Behaviour::Explore, None));
         assert!(ended.is_some_and(|end| end.arrived && end.sent && end.task == 1));

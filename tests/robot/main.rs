@@ -373,9 +373,15 @@ fn a_client_of_nav2_sends_it_somewhere_and_hears_how_that_goes() {
     let folder = tempfile::tempdir().unwrap();
     let _peer = Peer::start(&python, domain(5), &["--kinds", "twice", "--faults", "500", "--patience", "200"]);
     let path = folder.path().to_owned();
-    // Goals so large that any policy arrives, if late: it is learned from a few hundred frames. Why a result did not come within
-    // 150 s once is not known.
-    let sets = ["task.0.radius=1.6", "dictionary.sigma_frames=40", "agent.resolve_frames=40", "agent.latency_frames=5"];
+    // Models from the first few dozen frames on. They know nothing of where the robot has not been yet: it explores between pursuits.
+    let sets = [
+        "task.0.radius=1.6",
+        "dictionary.sigma_frames=40",
+        "agent.resolve_frames=40",
+        "agent.latency_frames=5",
+        "policy.pursue_timeout=15",
+        "policy.explore_length=15",
+    ];
     let ran = std::thread::spawn(move || run(&path, domain(5), &sets));
     let heard = navigate(domain(5), &[[99.0, 1.0], [1.0, 1.2], [3.0, 1.6]]);
     let next = || heard.recv_timeout(Duration::from_secs(400)).expect("a result");
