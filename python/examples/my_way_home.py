@@ -8,8 +8,6 @@ vest, or after 2 100 tics. At each quarter of the steps, and at their end, the a
 starts; prints a line of JSON for each.
 """
 
-import argparse
-import json
 import math
 import tempfile
 from pathlib import Path
@@ -17,6 +15,7 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 import vizdoom
+from curve import curve, most, options
 from vizdoom import Button, GameVariable
 
 from adagio.gym import Loop
@@ -34,15 +33,15 @@ ACTIONS = [
 ]
 
 
-class MyWayHome(gymnasium.Env):
-    """The game with macro-actions. The reward is 1 for the vest; `info` says whether the player was stopped by a wall."""
+class Doom(gymnasium.Env):
+    """A game with macro-actions. The reward is 1 for what it rewards; `info` says whether the player was stopped by a wall."""
 
     action_space = gymnasium.spaces.Discrete(len(ACTIONS))
     observation_space = gymnasium.spaces.Box(0, 255, SHAPE, np.uint8)
 
     def __init__(self):
         self.game = game = vizdoom.DoomGame()
-        game.load_config(str(Path(vizdoom.scenarios_path) / "my_way_home.cfg"))
+        self.load(game)
         game.set_doom_config_path(str(Path(tempfile.mkdtemp()) / "vizdoom.ini"))  # else it goes to the current folder
         game.set_window_visible(False)
         game.set_screen_resolution(vizdoom.ScreenResolution.RES_160X120)
@@ -53,6 +52,10 @@ class MyWayHome(gymnasium.Env):
         game.set_available_buttons([Button.MOVE_FORWARD, Button.TURN_LEFT_RIGHT_DELTA])
         game.init()
         self.picture = np.zeros(SHAPE, np.uint8)
+
+    def load(self, game):
+        """Tell the game what is to be played, before it begins."""
+        raise NotImplementedError
 
     def see(self):
         if state := self.game.get_state():  # there is none behind an episode's end
@@ -81,29 +84,17 @@ class MyWayHome(gymnasium.Env):
         return self.see(), float(arrived), arrived, over and not arrived, {"blocked": stopped}
 
 
+class MyWayHome(Doom):
+    def load(self, game):
+        game.load_config(str(Path(vizdoom.scenarios_path) / "my_way_home.cfg"))
+
+
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--steps", type=int, default=100_000, help="actions, without those of trials (100 000)")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--trials", type=int, default=100, help="at each quarter (100)")
-    parser.add_argument("--out", help="folder of the run")
-    options = parser.parse_args()
-    # Trials are actions of the run, too: at most 1 050 turns each.
-    most = options.steps + 4 * options.trials * 1050
-    loop = Loop(MyWayHome(), action=ACTIONS, blocked=lambda _, __, info: info["blocked"], actions=most, seed=options.seed,
-                out=options.out)
-    loop.reset(options.seed)
-    vests = trials = 0
-    for quarter in range(1, 5):
-        while loop.steps - trials < options.steps * quarter // 4:
-            vests += loop.step()[1] > 0
-        before = loop.steps
-        results = loop.trials(options.trials)
-        trials += loop.steps - before
-        arrived = [steps for arrives, steps in results if arrives]
-        print(json.dumps({"steps": loop.steps - trials, "steps_of_trials": trials, "vests_met": vests,
-                          "success": len(arrived) / len(results), "mean_steps": float(np.mean(arrived or [0]))}), flush=True)
-    loop.agent.close()
+    given = options(__doc__, 100_000).parse_args()
+    loop = Loop(MyWayHome(), action=ACTIONS, blocked=lambda _, __, info: info["blocked"], seed=given.seed, out=given.out,
+                actions=most(given.steps, given.trials, 2100 // TURN_TICS))
+    loop.reset(given.seed)
+    curve(loop, given.steps, given.trials)
 
 
 if __name__ == "__main__":

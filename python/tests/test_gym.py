@@ -3,7 +3,7 @@
 import gymnasium
 import numpy as np
 import pytest
-from rings import GOAL, Ring, replayed_digest
+from rings import GOAL, PLACES, Ring, replayed_digest
 
 import adagio
 import adagio.gym
@@ -24,7 +24,7 @@ class RingEnv(gymnasium.Env):
         super().reset(seed=seed)
         self.seeds.append(seed)
         self.lengths.append(0)
-        return self.ring.reset(), {}
+        return self.ring.reset(), {"at": self.ring.at}
 
     def step(self, action):
         assert self.action_space.contains(action), action
@@ -76,6 +76,39 @@ def test_trials_send_the_agent_to_its_goal(tmp_path):
     assert [steps for _, steps in results] == env.lengths[began : began + 10]
     assert all(arrived for arrived, _ in results) and np.mean([steps for _, steps in results]) < 10
     loop.agent.close()
+
+
+class EndlessRing(RingEnv):
+    """Neither rewards nor ends: only the pose says where the goals are."""
+
+    def step(self, action):
+        picture, _, _, _, info = super().step(action)
+        return picture, 0.0, False, False, info
+
+
+def pose_of(info):
+    """Places are about 1 m apart on a circle; the robot looks out of it."""
+    heading, radius = 2 * np.pi * info["at"] / PLACES, PLACES / (2 * np.pi)
+    return radius * np.cos(heading), radius * np.sin(heading), heading
+
+
+def test_goals_by_coordinates_are_judged_by_the_pose(tmp_path):
+    env, goals, ends = EndlessRing(), {"near": 5, "far": 14}, []
+    tasks = [{"name": name, "goal": pose_of({"at": at})[:2], "radius": 0.3} for name, at in goals.items()]
+    settings = {"out": tmp_path / "run", "actions": 5000, "robot": {"pose": "known"}, "task": tasks, **QUICK}
+    loop = adagio.gym.Loop(env, pose=pose_of, reward=lambda *_: None, **settings)
+    loop.reset(1)
+    while loop.steps < 1500:
+        ends.append(loop.step()[4]["at"])
+    for name, at in goals.items():
+        began = len(env.lengths)
+        results = loop.trials(10, name, most=60, there=lambda info: ends.append(info["at"]) or info["at"] == at)
+        assert [steps for _, steps in results] == env.lengths[began:]
+        assert all(arrived for arrived, _ in results) and np.mean([steps for _, steps in results]) < 10
+    assert loop.trials(2, "far", most=3, there=lambda info: ends.append(info["at"])) == [(False, 3)] * 2
+    loop.agent.close()
+    rewards = adagio.open(loop.agent.run).transitions["rewards"]
+    assert rewards.sum(axis=0).tolist() == [ends.count(at) for at in goals.values()]
 
 
 def test_the_numbers_of_actions_are_the_environments(tmp_path):

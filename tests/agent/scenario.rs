@@ -174,6 +174,42 @@ fn contradictions_are_faults() {
     assert_fault(&image, &[], "world.wall.0.image", &["none.png", "cannot be read"]);
 }
 
+/// A robot of another program, with these actions.
+fn program(actions: &[&str], task: &str) -> String {
+    let actions: String = actions.iter().map(|keys| format!("[[action]]\n{keys}\n")).collect();
+    format!("robot.body = \"program\"\n{actions}[[task]]\nname = \"vest\"\n{task}\n")
+}
+
+#[test]
+fn actions_of_another_program_have_names_and_inverses() {
+    let rewarded = |actions: &[&str]| program(actions, "reward = \"topic\"");
+    let [left, right] = ["name = \"left\"\ninverse = \"right\"", "name = \"right\"\nturn_deg = -45.0"];
+    let scenario = Scenario::parse(&rewarded(&[left, right]), Path::new("test.toml"), &[]).unwrap();
+    let actions: Vec<_> = scenario.robot.actions.iter().collect();
+    assert_eq!(actions.len(), 2);
+    assert_eq!(scenario.robot.actions.inverse(actions[0]), Some(actions[1]));
+    assert_eq!(scenario.robot.actions.inverse(actions[1]), None);
+    assert_fault(&rewarded(&[right, right]), &[], "action.1.name", &["\"right\"", "unique"]);
+    assert_fault(&rewarded(&[right, "name = \"\""]), &[], "action.1.name", &["\"\"", "not empty"]);
+    assert_fault(
+        &rewarded(&[right, left, "inverse = \"back\""]),
+        &[],
+        "action.2.inverse",
+        &["\"back\"", "right, left"],
+    );
+    assert!(faults_of(&rewarded(&[""; 32]), &[]).is_empty());
+    assert_fault(&rewarded(&[""; 33]), &[], "action.32.name", &["one of 33", "at most 32"]);
+    assert_fault(&rewarded(&["turn_deg = 400.0"]), &[], "action.0.turn_deg", &["400", "360"]);
+    // A goal that is shown needs to know how far it is to it.
+    let shown = |action| program(&[right, action], "goal = \"shown\"");
+    assert!(faults_of(&shown("forward = 0.5"), &[]).is_empty());
+    assert_fault(&shown("name = \"jump\""), &[], "action.1.forward", &["goals that are shown"]);
+    // Of a robot that is ours, actions are known.
+    let ours = format!("{ROOM}{TASK}[[action]]\n{right}\n");
+    assert!(faults_of(&ours, &[]).iter().all(|fault| fault.text.contains("robot.body = \"program\"")));
+    assert!(!faults_of(&ours, &[]).is_empty());
+}
+
 #[test]
 fn broken_toml_is_reported_with_its_line() {
     let faults = faults_of("seed = 1\n[robot\nradius = 0.2\n", &[]);

@@ -25,6 +25,11 @@ class Loop:
         Says of (observation, reward, info) whether something stopped the action.
     image : callable, optional
         Makes an image of an observation: uint8, (height, width, 3).
+    pose : callable, optional
+        Says of info where the robot truly is: (x, y, heading), metres and radians, or None. For goals by coordinates.
+    reward : callable, optional
+        Says of (observation, reward, info) what the agent is told of the reward: a number, numbers by the names of tasks, or
+        None, as where no task has ``reward = "topic"``. By default the environment's.
     **settings
         Of the new agent.
 
@@ -40,7 +45,7 @@ class Loop:
     episode; what an action was worth is the sum of the environment's rewards.
     """
 
-    def __init__(self, env, *, action=None, agent=None, blocked=None, image=None, **settings):
+    def __init__(self, env, *, action=None, agent=None, blocked=None, image=None, pose=None, reward=None, **settings):
         space = env.action_space
         if not hasattr(space, "n") or getattr(space, "shape", None) != ():
             raise TypeError(f"the environment's actions are {space}: an agent has discrete ones, of a space Discrete")
@@ -64,12 +69,14 @@ class Loop:
         self.env, self.agent, self.steps = env, agent, 0
         self._blocked = blocked or (lambda observation, reward, info: False)
         self._image = image or (lambda observation: observation)
+        self._pose = pose or (lambda info: None)
+        self._reward = reward or (lambda observation, reward, info: reward)
         self._action = None  # what is to be done next; None: an episode begins
 
     def reset(self, seed=None):
         """Begin an episode; what was before is over."""
-        observation, _ = self.env.reset(seed=seed)
-        self._show(observation, reset=True)
+        observation, info = self.env.reset(seed=seed)
+        self._show(observation, info, reset=True)
 
     def step(self):
         """One action of the agent.
@@ -97,18 +104,19 @@ class Loop:
             if terminated or truncated:
                 break
             if left:
-                self.agent.observe(self._picture(observation))
+                self.agent.observe(self._picture(observation), pose=self._pose(info))
         done = bool(terminated or truncated)
         self.steps += 1
         self._action = None
         stopped = bool(self._blocked(observation, total, info))
+        told = self._reward(observation, total, info)
         try:
-            self._show(observation, reward=total, blocked=stopped, done=done)
+            self._show(observation, info, reward=told, blocked=stopped, done=done)
         except RunOver:
             pass  # it was the last action: the next step says so
         return action, total, bool(terminated), bool(truncated), info
 
-    def trials(self, count, task="goal", *, most=None, reset=None):
+    def trials(self, count, task="goal", *, most=None, reset=None, there=None):
         """Episodes in which the agent is sent to a task's goal; it goes on learning.
 
         Parameters
@@ -121,11 +129,13 @@ class Loop:
             Actions of an episode; by default the environment ends it.
         reset : callable, optional
             Is told the trial's number before it begins, to place what the environment begins with.
+        there : callable, optional
+            Says of info whether the robot has arrived; by default, a reward above 0 says so.
 
         Returns
         -------
         list of (bool, int)
-            Whether it arrived (a reward above 0 ended the episode), and the actions that it took.
+            Whether it arrived, which ends the episode, and the actions that it took.
         """
         results = []
         for number in range(count):
@@ -134,15 +144,16 @@ class Loop:
             self.agent.goto(task)
             self.reset()
             for done in range(1, (most or 10**9) + 1):
-                _, reward, terminated, truncated, _ = self.step()
-                if terminated or truncated or reward > 0:
+                _, reward, terminated, truncated, info = self.step()
+                arrived = bool(there(info)) if there else reward > 0
+                if terminated or truncated or arrived:
                     break
-            results.append((reward > 0, done))
+            results.append((arrived, done))
         self.agent.goto(None)
         return results
 
-    def _show(self, observation, **came_to):
-        self._action = self.agent.act(self._picture(observation), **came_to)
+    def _show(self, observation, info, **came_to):
+        self._action = self.agent.act(self._picture(observation), pose=self._pose(info), **came_to)
 
     def _picture(self, observation):
         return np.asarray(self._image(observation))

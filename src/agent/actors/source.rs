@@ -4,7 +4,7 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use super::messages::Item;
-use super::record::Recorder;
+use super::record::{Level, Recorder};
 use crate::agent::runtime::controls::Controls;
 use crate::agent::runtime::marker::Quiescence;
 use crate::agent::runtime::queue::{Inbox, Outbox};
@@ -15,6 +15,9 @@ use crate::source::{Frame, Source};
 
 /// Longest time that the source waits until a snapshot has been taken out of the queue of frames.
 const HAND_OVER: Duration = Duration::from_secs(10);
+
+/// Where a robot's loop of control waits longer than this for the log, people are told: the robot stands meanwhile.
+const LOG_WAIT: Duration = Duration::from_secs(1);
 
 /// How the source actor hands on its frames.
 pub struct SourceLoop<'a> {
@@ -42,8 +45,17 @@ impl SourceLoop<'_> {
                 let why = if causes.is_none() { String::new() } else { format!(": {causes}") };
                 status.update(|s| s.robot = Some(format!("{}{why}", state.name())));
             }
+            let begun = Instant::now();
             // A closed log ends the run at the next decision.
             let _ = record.robot(event);
+            let waited = begun.elapsed();
+            if waited > LOG_WAIT {
+                let text = format!(
+                    "the loop of control waited {:.1} s for the log: a slow disk, or stopped itself",
+                    waited.as_secs_f64()
+                );
+                let _ = record.diagnostic(Level::Warn, status.now().stamp_ns, text);
+            }
         })));
         self.drive(source);
         source.keep_journal(None);
