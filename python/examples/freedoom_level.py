@@ -88,7 +88,8 @@ def main():
             visited.setdefault((x // 0.5, y // 0.5), (int(x * UNITS), int(y * UNITS)))
         before, results = loop.steps, []
         for task, goal in zip(tasks, PLACES):
-            starts = [at for at in visited.values() if math.dist(at, goal) > 2 * RADIUS * UNITS]
+            far = [at for at in visited.values() if math.dist(at, goal) > 2 * RADIUS * UNITS]
+            starts = far or list(visited.values())  # after few steps there may be none
 
             def begin(_):
                 while not level.warp(*starts[draw.integers(len(starts))], int(draw.integers(360 // TURN))):

@@ -26,13 +26,16 @@ README = (Path(__file__).parent.parent / "README.md").read_text()
 SERIES, ROOM = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
 
 
-def test_readme():
+def test_readme(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MPLBACKEND", "agg")
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
         exec(SERIES, {})
     assert float(printed.getvalue().splitlines()[0]) > 0.99
     for name in adagio.__all__:
         assert f"| `{name}` |" in README
+    assert (tmp_path / "series.png").stat().st_size > 10_000
 
 
 def test_readme_room(tmp_path):

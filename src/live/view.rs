@@ -401,7 +401,8 @@ impl Watcher {
     }
 
     fn corners(&self) -> Option<[[f64; 2]; 2]> {
-        if let Some(world) = self.lookout.world() {
+        let has_walls = self.lookout.scenario().is_some_and(|scenario| !scenario.world.walls.is_empty());
+        if let Some(world) = self.lookout.world().filter(|_| has_walls) {
             let (low, high) = world.plan.walls_box();
             return Some([low.into(), high.into()]);
         }

@@ -22,6 +22,11 @@ pub struct Room<'a> {
 }
 
 impl Room<'_> {
+    /// Whether it has any; that of another program's robot may have none.
+    pub fn has_walls(&self) -> bool {
+        !self.scenario.world.walls.is_empty()
+    }
+
     /// Corners of what is shown of it, metres.
     pub fn corners(&self) -> ([f64; 2], [f64; 2]) {
         let (low, high) = self.world.plan.walls_box();

@@ -88,7 +88,7 @@ const LAST_ACTIONS: usize = 300;
 impl Material<'_> {
     /// Corners of what rooms show: the walls', or what was driven through; none if there are no poses either.
     fn corners(&self) -> Option<([f64; 2], [f64; 2])> {
-        if let Some(room) = &self.room {
+        if let Some(room) = self.room.as_ref().filter(|room| room.has_walls()) {
             return Some(room.corners());
         }
         let cells = self.gathered.visits.keys();
