@@ -51,7 +51,7 @@ impl SourceLoop<'_> {
             let waited = begun.elapsed();
             if waited > LOG_WAIT {
                 let text = format!(
-                    "the loop of control waited {:.1} s for the log: a slow disk, or stopped itself",
+                    "the loop of control waited {:.1} s for the log: its disk is slow, or this program was stopped",
                     waited.as_secs_f64()
                 );
                 let _ = record.diagnostic(Level::Warn, status.now().stamp_ns, text);
