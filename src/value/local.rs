@@ -365,7 +365,7 @@ pub(super) fn estimate(near: &[(u32, f64)], worth: &[f64]) -> f64 {
     near.iter().map(|&(place, weight)| weight * worth[place as usize]).sum()
 }
 
-fn finite_points(what: &'static str, points: MatRef<'_, f32>) -> Result<(), ValueError> {
+pub(super) fn finite_points(what: &'static str, points: MatRef<'_, f32>) -> Result<(), ValueError> {
     if points.is_all_finite() {
         return Ok(());
     }

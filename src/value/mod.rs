@@ -25,6 +25,7 @@
 //! | which policy is best, where features only say what is near? | [`LocalBatch::fit`], see [`local`]; [`Local::fit`] over [`Instances`] for matrices and several tasks |
 //! | does the policy arrive? | [`FiniteMdp::arrival`], [`Local::arrival`]: [`Fit::converged`] does not say it |
 //! | where do states lie on the floor? | [`MetricMap`], from features and what actions do |
+//! | where is the robot, where places look alike? | [`place::PlaceMap`] and [`place::Belief`], from features, what actions do, and the way |
 //! | what if it does not settle? | [`LspiOptions::mixing`], with a table of what helps at [`Lspi::fit`]; weights by [`balance`] |
 //! | what does learning on one's own path do? | [`Sarsa`], a counter-example |
 //! | what can be learned with no memory of the past at all? | [`StreamQ`], to compare with |
@@ -78,6 +79,7 @@ mod lspi;
 mod lstd;
 mod metric_map;
 mod norm;
+pub mod place;
 mod policy;
 mod representation;
 mod sarsa;
