@@ -146,7 +146,7 @@ impl PlaceMap {
         told.iter_mut().for_each(|of| of.1 *= desk.log_ratio(self, of.0).exp());
         let expected = belief.settle(told).ln();
         belief.expected = if step.is_some() { (1.0 - NEWEST) * belief.expected + NEWEST * expected } else { 0.0 };
-        if belief.expected < LOST || belief.cells.is_empty() {
+        if step.is_some() && (belief.expected < LOST || belief.cells.is_empty()) {
             *belief = self.anywhere();
             self.follow(belief, None, seen);
         }
