@@ -24,6 +24,8 @@ const WIDTH: f64 = 0.8;
 const CHANCE: f64 = 2.0;
 /// An image that is less like what was seen at a pose than this share of what like images have in common is no match.
 const ALIKE: f64 = 0.02;
+/// However rare an image is, it is seen by chance with this likeness.
+const LEAST_CHANCE: f64 = 1e-6;
 /// Images that count as alike: so many of all that are most like one.
 const LIKE: usize = 8;
 /// What was seen at a pose says this much about it at most, as logarithms.
@@ -74,8 +76,8 @@ pub struct PlaceMap {
 }
 
 impl PlaceMap {
-    /// Place states in the order in which they were met. `None` where there is nothing to begin with: no two states between which a
-    /// step is known, or no moves.
+    /// Place states in the order in which they were met. `None` where there is nothing to begin with: no two states that differ and
+    /// between which a step is known, or no moves.
     ///
     /// # Shapes
     /// `points: p × n`, as near as they look alike, such as slow features; `steps`: `n − 1`, between each state and the next one,
@@ -104,13 +106,17 @@ impl PlaceMap {
             parameter("distance", distance, distance.is_finite(), "finite")?;
         }
         finite_points("points", points.as_ref())?;
+        for pose in before.iter().flatten() {
+            let numbers = [("x", pose.x), ("y", pose.y), ("heading", pose.heading)];
+            numbers.into_iter().try_for_each(|(name, value)| parameter(name, value, value.is_finite(), "finite"))?;
+        }
         let moves: Vec<f64> = steps.iter().flatten().filter_map(|step| step.distance.filter(|d| *d != 0.0)).collect();
         let Some(width) = width(points.as_ref(), steps).filter(|_| !moves.is_empty()) else { return Ok(None) };
         let unit = moves.iter().map(|distance| distance.abs()).sum::<f64>() / moves.len() as f64;
         let (grid, poses) = (Grid { headings, size }, before.to_vec());
         let (states, starts, sample) = (Vec::new(), Vec::new(), Vec::new());
         let mut map = PlaceMap { grid, points, poses, unit, width, states, starts, sample, by_chance: 0.0 };
-        map.by_chance = ALIKE * map.likeness_of_like();
+        map.by_chance = (ALIKE * map.likeness_of_like()).max(LEAST_CHANCE);
         map.place(steps);
         Ok(Some(map))
     }
@@ -135,8 +141,29 @@ impl PlaceMap {
     }
 
     /// Go on with a belief: by the step that the robot has made, `None` where nothing is known of it, and by what it sees then,
-    /// `p` coordinates. A robot that has not expected what it sees for some time begins anew, anywhere.
-    pub fn follow(&self, belief: &mut Belief, step: Option<MapStep>, seen: &[f32]) {
+    /// `p` coordinates. A robot that has not expected what it sees for some time begins anew, anywhere. Takes 32 bytes for each cell of
+    /// the grid while it lasts.
+    ///
+    /// # Errors
+    /// Another number of coordinates than the states have, a belief on another grid, values that are not finite.
+    pub fn follow(&self, belief: &mut Belief, step: Option<MapStep>, seen: &[f32]) -> Result<(), ValueError> {
+        let features = |what, found, expected| match found == expected {
+            true => Ok(()),
+            false => Err(ValueError::Features { what, found, expected }),
+        };
+        features("what is seen", seen.len(), self.points.nrows())?;
+        features("the grid of the belief", belief.grid.cells(), self.grid.cells())?;
+        finite_points("what is seen", MatRef::from_column_major_slice(seen, seen.len(), 1))?;
+        if let Some(MapStep { turn, distance }) = step {
+            let distance = distance.unwrap_or(0.0);
+            parameter("turn", turn, turn.is_finite(), "finite")?;
+            parameter("distance", distance, distance.is_finite(), "finite")?;
+        }
+        self.go_on(belief, step, seen);
+        Ok(())
+    }
+
+    fn go_on(&self, belief: &mut Belief, step: Option<MapStep>, seen: &[f32]) {
         let mut desk = Desk::new(self);
         let mut told = match step {
             Some(step) => belief.after(&self.grid.motion(step, self.unit), &mut desk.at),
@@ -148,7 +175,7 @@ impl PlaceMap {
         belief.expected = if step.is_some() { (1.0 - NEWEST) * belief.expected + NEWEST * expected } else { 0.0 };
         if step.is_some() && (belief.expected < LOST || belief.cells.is_empty()) {
             *belief = self.anywhere();
-            self.follow(belief, None, seen);
+            self.go_on(belief, None, seen);
         }
     }
 
@@ -385,10 +412,12 @@ fn ways(steps: &[Option<MapStep>]) -> Vec<Range<usize>> {
     ways
 }
 
-/// Width of likeness: so far are two states apart that follow each other; `None` where none do.
+/// Width of likeness: so far are two states apart that follow each other and differ; `None` where none do.
 fn width(points: MatRef<'_, f32>, steps: &[Option<MapStep>]) -> Option<f64> {
     let apart = |j: usize| (points.col(j + 1) - points.col(j)).norm_l2();
-    let mut apart: Vec<f32> = (0..steps.len()).filter(|&j| steps[j].is_some()).map(apart).collect();
+    let apart = (0..steps.len()).filter(|&j| steps[j].is_some()).map(apart);
+    // A robot that stands before a wall sees the same again and again.
+    let mut apart: Vec<f32> = apart.filter(|&apart| apart > 0.0 && apart.is_finite()).collect();
     let middle = apart.len() / 2;
     (!apart.is_empty()).then(|| f64::from(*apart.select_nth_unstable_by(middle, f32::total_cmp).1) * WIDTH)
 }
@@ -503,8 +532,8 @@ mod tests {
 
     #[test]
     fn places_that_look_alike_are_told_by_the_way_to_them() {
-        // Rooms that are quite alike may be taken for one (of seeds 1 to 8 in two), so that this asks for most of them.
-        let shares = (1..=4).map(|seed| {
+        // Rooms that are quite alike may be taken for one: of these seeds in three. No setting was chosen by them.
+        let shares = (11..=22).map(|seed| {
             let mut rooms = Rooms::new(3, 1, seed);
             let (map, truth) = learned(&mut rooms);
             let poses = map.poses();
@@ -528,7 +557,7 @@ mod tests {
         });
         let shares: Vec<[f64; 2]> = shares.collect();
         let good = shares.iter().filter(|[by_place, _]| *by_place > 0.9).count();
-        assert!(good >= 3 && shares.iter().all(|[_, by_look]| *by_look < 0.6), "by place and by look: {shares:.2?}");
+        assert!(good >= 8 && shares.iter().all(|[_, by_look]| *by_look < 0.7), "by place and by look: {shares:.2?}");
     }
 
     #[test]
@@ -540,12 +569,12 @@ mod tests {
             for _ in 0..20 {
                 rooms.begin();
                 let mut belief = map.anywhere();
-                map.follow(&mut belief, None, &rooms.see());
+                map.follow(&mut belief, None, &rooms.see()).unwrap();
                 for carried in 0..2 {
                     let mut red = false;
                     for _ in 0..80 {
                         let step = rooms.step();
-                        map.follow(&mut belief, Some(step), &rooms.see());
+                        map.follow(&mut belief, Some(step), &rooms.see()).unwrap();
                         red |= (rooms.at.x / ROOM) as usize == rooms.red;
                     }
                     // Where it has not come into the red room, it cannot know.
@@ -582,5 +611,24 @@ mod tests {
         let points = Mat::from_fn(1, 4, |_, j| if j == 2 { f32::NAN } else { 0.0 });
         let found = PlaceMap::new(points, &steps, &[None; 4], options);
         assert!(matches!(found, Err(ValueError::Input { place: 2, .. })));
+        let away = Pose { x: f64::INFINITY, y: 0.0, heading: 0.0 };
+        assert!(new(&steps, &[Some(away), None, None, None], options).is_err());
+        // What never changes says nothing; where it mostly stays, what changes does.
+        let alike = |until: usize| Mat::from_fn(1, 4, |_, j| f32::from(j >= until));
+        assert!(PlaceMap::new(alike(9), &[Some(MOVE); 3], &[None; 4], options).unwrap().is_none());
+        let map = PlaceMap::new(alike(3), &[Some(MOVE); 3], &[None; 4], options).unwrap().unwrap();
+        let mut belief = map.anywhere();
+        assert!(
+            map.follow(&mut belief, None, &[0.0, 0.0]).is_err() && map.follow(&mut belief, None, &[f32::NAN]).is_err()
+        );
+        assert!(map.follow(&mut belief, Some(odd), &[0.0]).is_err() && map.follow(&mut belief, None, &[0.0]).is_ok());
+        // Images like none that was seen, however far.
+        for far in [1e3, 1e30, f32::MAX] {
+            assert!(map.follow(&mut belief, Some(MOVE), &[far]).is_ok());
+            assert!(belief.likely(3).iter().all(|of| of.1 > 0.0 && of.1 <= 1.0), "{far}: {belief:?}");
+        }
+        let other = PlaceOptions { size: 8, ..options };
+        let other = PlaceMap::new(alike(3), &[Some(MOVE); 3], &[None; 4], other).unwrap().unwrap();
+        assert!(other.follow(&mut belief, None, &[0.0]).is_err());
     }
 }
