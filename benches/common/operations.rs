@@ -220,7 +220,7 @@ pub fn learned_locally(x: &Mat<f32>, m: usize, k: usize, p: usize, n: usize) -> 
     let points = Mat::from_fn(p, ACTIONS * n, |i, j| points[(i, j)] as f32);
     let instances = Instances::new(points, vec![n; ACTIONS], LOCAL).expect("valid instances");
     let worth = vec![random(ACTIONS * n, 1)];
-    adagio::policy::Learned::local(1, 0, 0, random_model(x, m, k), Arc::new(instances), worth)
+    adagio::policy::Learned::local(1, 0, 0, random_model(x, m, k), Arc::new(instances), worth, None)
         .expect("instances that fit the model")
 }
 

@@ -4,6 +4,7 @@ use super::actors::learn::stream_options;
 use crate::dictionary::WhenFull;
 use crate::scenario::{Method as Values, Scenario, SelectionRule};
 use crate::slow::{Method, SlowStream, solve_bytes};
+use crate::value::place::PlaceOptions;
 
 /// Bytes of everything that grows with the settings of a run, at its full size.
 ///
@@ -20,6 +21,7 @@ use crate::slow::{Method, SlowStream, solve_bytes};
 /// | models: in use, in trials, on their way (`w` of them wait for their frame) | `(6 + w) m(5d + 8k + 24·tasks)` |
 /// | linear values: the window, its features, policy iteration of `t` tasks side by side | `N(2d + (48 + 8t)(k + 1)) + (24 + 384t)(k + 1)²` |
 /// | local values: the window, its features, and of `n` neighbours and `p` coordinates the points and who is near | `N(2d + 8(k + 1) + 24p + 48n + 72 + 16·tasks)`, and `(6 + w) N(4p + 8·tasks)` for models |
+/// | places: the map of the window while it is made, and of models | `N(16p + 250)`, `6400 min(N, cells)`, `(6 + w) N(4p + 52)` |
 /// | what is shown: the map of the window, and `M` marks of the scenario | `N(12p + 16n + 160 + 16(6 + w))`, `M(d + (6 + w)(4p + 16))` |
 /// | images in the queue | `3 · width · height` each |
 ///
@@ -74,6 +76,14 @@ impl Memory {
                 n * (2 * d + 8 * k + 24 * p + 48 * neighbours + 72 + 16 * fits) + of_models
             }
         };
+        let places = match s.value.method {
+            Values::Local if s.value.places => {
+                let PlaceOptions { headings, size } = PlaceOptions::default();
+                let cells = (2 * headings * size * size) as u64;
+                n * (16 * p + 250) + 6400 * n.min(cells) + (6 + waiting) * n * (4 * p + 52)
+            }
+            _ => 0,
+        };
         let parts = [
             ("stream", of_stream),
             ("thinning", if exceeds { 48 * m * m } else { 0 }),
@@ -82,6 +92,7 @@ impl Memory {
             ("solver", of_solver),
             ("models", (6 + waiting) * m * (5 * d + 8 * k + 24 * tasks)),
             ("values", values),
+            ("places", places),
             ("what is shown", shown),
             ("images", s.agent.queue as u64 * image),
         ];

@@ -9,10 +9,12 @@ use rayon::prelude::*;
 
 use super::{Arrival, Avoided, Circle, TaskResult, WithoutReflexes, draw_pose, wilson_low};
 use crate::evaluate::{optimal_steps, reference_action};
-use crate::policy::{Learned, Recent, Reflexes, columns};
+use crate::policy::{Learned, Recent, Reflexes, columns, step_of};
 use crate::random::{fix_parallelism, stream};
 use crate::robot::{Action, ActionSet, ActionValues, Pose};
 use crate::scenario::{Avoid, ChangeKind, Scenario, Show, Task, in_goal};
+use crate::value::MapStep;
+use crate::value::place::Belief;
 use crate::vision::{Observation, Observer, observe};
 use crate::world::{Mover, Sensor, World};
 
@@ -52,6 +54,8 @@ pub struct Situation<'a> {
     pub seen: Option<&'a Observation>,
     /// What the robot did last.
     pub recent: Recent,
+    /// The step that led here; none at the start.
+    pub step: Option<MapStep>,
 }
 
 /// A robot on its way.
@@ -63,6 +67,9 @@ struct Trial {
     /// Frames by which distractors are ahead of those of the run.
     later: u64,
     recent: Recent,
+    step: Option<MapStep>,
+    /// Where the policy believes the robot to be.
+    belief: Option<Belief>,
     actions: Vec<Action>,
     poses: Vec<Pose>,
     /// Whether it is over.
@@ -293,9 +300,9 @@ impl Evaluator {
         if course.task.goal.is_none() {
             return Vec::new();
         }
-        let greedy = |situation: &Situation<'_>| {
+        let greedy = |situation: &Situation<'_>, belief: &mut Option<Belief>| {
             // These trials have a camera.
-            let state = situation.seen.map(|seen| learned.state(seen));
+            let state = situation.seen.map(|seen| learned.state_on_way(seen, belief, situation.step));
             if state.as_ref().is_some_and(|state| state.is_there(task)) {
                 return None;
             }
@@ -311,7 +318,7 @@ impl Evaluator {
     /// Without a `camera`, which takes most of the time, the policy is shown the pose alone.
     pub fn trips(&self, task: usize, camera: bool, choose: &(dyn Fn(&Situation<'_>) -> Action + Sync)) -> Vec<Trip> {
         let course = &self.courses[task];
-        course.ways(self.drive(course, camera.then_some(0), &|situation| Some(choose(situation))))
+        course.ways(self.drive(course, camera.then_some(0), &|situation, _| Some(choose(situation))))
     }
 
     /// All trials of a task, one step of all of them at a time: seen and judged side by side, then driven. `frame` says how the
@@ -320,7 +327,7 @@ impl Evaluator {
         &self,
         course: &TrialTask,
         frame: Option<u64>,
-        choose: &(dyn Fn(&Situation<'_>) -> Option<Action> + Sync),
+        choose: &(dyn Fn(&Situation<'_>, &mut Option<Belief>) -> Option<Action> + Sync),
     ) -> Vec<Trial> {
         let mut trials = self.begin(course);
         for _ in 0..self.scenario.evaluate.max_steps {
@@ -328,9 +335,9 @@ impl Evaluator {
             if active.is_empty() {
                 break;
             }
-            let judge = |trial: &Trial, sees: bool| {
-                let seen = sees.then_some(&trial.seen);
-                choose(&Situation { pose: &trial.robot.pose(), seen, recent: trial.recent })
+            let judge = |trial: &mut Trial, sees: bool| {
+                let (seen, recent, step) = (sees.then_some(&trial.seen), trial.recent, trial.step);
+                choose(&Situation { pose: &trial.robot.pose(), seen, recent, step }, &mut trial.belief)
             };
             let actions: Vec<Option<Action>> = match frame {
                 Some(frame) => {
@@ -381,6 +388,8 @@ impl Evaluator {
                 seen: Observation { frame: index as u64, pixels: Vec::new() },
                 later: noise("distractors").random_range(0..LATEST),
                 recent: Recent::default(),
+                step: None,
+                belief: None,
                 actions: Vec::new(),
                 poses: vec![pose],
                 ended: false,
@@ -409,6 +418,7 @@ impl Evaluator {
         trial.actions.push(action);
         trial.poses.push(pose);
         trial.recent = trial.recent.then(action, blocked);
+        trial.step = Some(step_of(&self.scenario.robot.actions, action, blocked));
         // Where the goal was shown, the agent has to say that it is there.
         trial.arrived = !task.is_shown() && in_goal(task, pose.position);
         trial.ended = trial.arrived;

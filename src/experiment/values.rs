@@ -154,7 +154,7 @@ fn tried(
         Ok(points(&trained.model, phi.as_ref(), settings.metric_features))
     };
     let local::Valued { instances, worths } = local::values(lab, &trained.walked, transitions, rule, at)?;
-    let learned = Learned::local(1, 0, 0, trained.model.clone(), instances, worths)?;
+    let learned = Learned::local(1, 0, 0, trained.model.clone(), instances, worths, None)?;
     let trips = |task: usize| driven(&trials.evaluator, task, &learned, task, reflexes);
     Ok(tasks.map(|task| trials.quality(task, &trips(task))).collect())
 }

@@ -4,17 +4,22 @@ use std::cell::OnceCell;
 use std::ops::Range;
 use std::sync::Arc;
 
-use faer::{Mat, MatRef, Par};
+use faer::{ColRef, Mat, MatRef, Par};
 use sha2::{Digest, Sha256};
 
 use super::metric;
 use super::pixel_values::{PixelPoints, PixelValues, PolicyError};
 use super::region::{FloorMap, GoalRegion};
-use crate::robot::{ActionValues, MOST_ACTIONS};
+use crate::robot::{Action, ActionSet, ActionValues, MOST_ACTIONS};
 use crate::scenario::hex;
 use crate::slow::SlowModel;
-use crate::value::Instances;
+use crate::value::{Instances, MapStep};
+use crate::value::place::{Belief, PlaceMap, PlaceMetric};
 use crate::vision::Observation;
+
+/// Poses whose values are averaged: so many at most, until they make up this share of a belief.
+const POSES: usize = 8;
+const MOST: f64 = 0.95;
 
 /// Features of one epoch, and the policies that were fitted on them.
 #[derive(Debug, Clone)]
@@ -39,6 +44,8 @@ pub struct Learned {
     pub goals: Vec<Option<[f64; 2]>>,
     /// Where states lie on the floor; known where something is shown.
     pub map: Option<FloorMap>,
+    /// Where the states of local values lie, by the ways that led there; where a scenario wants it.
+    pub places: Option<PlaceMap>,
     /// What counts as being there, in the same order; `None` where no marks say it. None at all where nothing is shown.
     pub regions: Vec<Option<GoalRegion>>,
     /// The same Q-values, straight from pixels.
@@ -59,6 +66,8 @@ enum Values {
 pub struct State<'a> {
     learned: &'a Learned,
     observation: &'a Observation,
+    /// Where the robot may be; without it the observation alone tells that.
+    belief: Option<&'a Belief>,
     /// The point in coordinates of the slowest features, `p × 1`.
     point: OnceCell<Mat<f32>>,
     /// Local values of all tasks, and the place on the map, found with the same neighbours.
@@ -96,19 +105,24 @@ impl State<'_> {
 
     /// The point in coordinates of features, and its place on the map.
     fn placed(&self) -> Option<(MatRef<'_, f32>, [f64; 2])> {
-        match (&self.learned.values, &self.learned.map_points, &self.learned.map) {
-            (_, _, None) | (Values::Linear(_), None, _) => None,
-            (Values::Local(points), ..) => Some((self.point(points), self.local(points).1?)),
-            (Values::Linear(_), Some(points), Some(map)) => {
-                let place = map.places_of(self.point(points)).ok()?;
-                Some((self.point(points), [place[(0, 0)], place[(1, 0)]]))
+        let map = self.learned.map.as_ref()?;
+        let points = match (&self.learned.values, &self.learned.map_points) {
+            (Values::Local(points), _) if self.learned.map_of_values().is_some() => {
+                return Some((self.point(points), self.local(points).1?));
             }
-        }
+            (Values::Local(points), _) | (Values::Linear(_), Some(points)) => points,
+            (Values::Linear(_), None) => return None,
+        };
+        let place = map.places_of(self.point(points)).ok()?;
+        Some((self.point(points), [place[(0, 0)], place[(1, 0)]]))
     }
 
     fn local(&self, points: &PixelPoints) -> &(Vec<ActionValues>, Option<[f64; 2]>) {
         self.local.get_or_init(|| {
-            let (values, places) = self.learned.local_values(self.point(points), 0..self.learned.weights.len());
+            let (values, places) = match &self.learned.places {
+                Some(map) => (self.learned.values_by_places(map, self.point(points).col(0), self.belief), None),
+                None => self.learned.local_values(self.point(points), 0..self.learned.weights.len()),
+            };
             let of_actions = |q: &Mat<f64>| ActionValues::new(q.col(0).iter().copied());
             (values.iter().map(of_actions).collect(), places.map(|places| places[0]))
         })
@@ -122,6 +136,12 @@ impl State<'_> {
 fn as_point(points: &PixelPoints, observation: &Observation) -> Mat<f32> {
     let point = points.of(observation);
     Mat::from_fn(point.len(), 1, |i, _| point[i] as f32)
+}
+
+/// What an action did to the pose, as far as the robot knows.
+pub fn step_of(actions: &ActionSet, action: Action, blocked: bool) -> MapStep {
+    let motion = actions.motion(action);
+    MapStep { turn: motion.angle, distance: (!blocked).then_some(motion.distance) }
 }
 
 /// Observations as the columns of a matrix, `d × n`, in the whole numbers that kernels are exact on.
@@ -167,6 +187,7 @@ impl Learned {
             instances,
             goals,
             map,
+            places: None,
             regions,
             values,
             map_points,
@@ -174,11 +195,11 @@ impl Learned {
     }
 
     /// Features with local values: where actions were tried, as [`points`](super::points) of the model, and what each
-    /// transition is worth for each task, `N × 1`.
+    /// transition is worth for each task, `N × 1`. With `places` they are points of that metric.
     ///
     /// # Errors
     /// Support vectors that are no observations, transitions of other actions or in more coordinates than there are features,
-    /// worths of another number of transitions.
+    /// worths of another number of transitions, a metric that is none.
     pub fn local(
         epoch: u32,
         asked_at: u64,
@@ -186,11 +207,13 @@ impl Learned {
         model: SlowModel<f32>,
         instances: Arc<Instances>,
         worth: Vec<Mat<f64>>,
+        places: Option<PlaceMetric>,
     ) -> Result<Self, PolicyError> {
         if !(1..=MOST_ACTIONS).contains(&instances.counts().len()) {
             return Err(PolicyError::Instances { actions: instances.counts().len() });
         }
-        let found = instances.points().nrows();
+        let places = places.map(|metric| PlaceMap::of_points(instances.points(), metric)).transpose()?;
+        let found = places.as_ref().map_or(instances.points().nrows(), |map| map.points().nrows());
         if found > model.slowness.len() {
             return Err(PolicyError::Coordinates { found, features: model.slowness.len() });
         }
@@ -211,6 +234,7 @@ impl Learned {
             instances: Some(instances),
             goals: Vec::new(),
             map: None,
+            places,
             regions: Vec::new(),
             values,
             map_points: None,
@@ -243,7 +267,7 @@ impl Learned {
             return Err(PolicyError::Coordinates { found, features: coordinates.min(self.model.slowness.len()) });
         }
         let map_points = match &self.instances {
-            Some(instances) if Arc::ptr_eq(instances, &of_map) => None,
+            Some(instances) if Arc::ptr_eq(instances, &of_map) || self.places.is_some() => None,
             Some(instances) => {
                 return Err(PolicyError::Worth { task: 0, found: of_map.len(), expected: instances.len() });
             }
@@ -258,7 +282,10 @@ impl Learned {
         let weights = Some(self.heedless.clone()).filter(|weights| !weights.is_empty())?;
         let heedless = match &self.instances {
             None => Learned::new(epoch, asked_at, frames, model, weights),
-            Some(instances) => Learned::local(epoch, asked_at, frames, model, instances.clone(), weights),
+            Some(instances) => {
+                let places = self.places.as_ref().map(PlaceMap::metric);
+                Learned::local(epoch, asked_at, frames, model, instances.clone(), weights, places)
+            }
         };
         heedless.ok()?.for_goals(self.goals.clone()).with_regions(self.map.clone(), self.regions.clone()).ok()
     }
@@ -300,7 +327,26 @@ impl Learned {
 
     /// What the model makes of an observation, computed when it is asked for and once.
     pub fn state<'a>(&'a self, observation: &'a Observation) -> State<'a> {
-        State { learned: self, observation, point: OnceCell::new(), local: OnceCell::new() }
+        State { learned: self, observation, belief: None, point: OnceCell::new(), local: OnceCell::new() }
+    }
+
+    /// The same on a way: `belief` is where the robot may be, `None` at its beginning and where nothing tells places; it goes on by
+    /// the step that led here, `None` where nothing is known of it, and by what is seen.
+    pub fn state_on_way<'a>(
+        &'a self,
+        observation: &'a Observation,
+        belief: &'a mut Option<Belief>,
+        step: Option<MapStep>,
+    ) -> State<'a> {
+        let mut state = self.state(observation);
+        if let (Some(map), Values::Local(points)) = (&self.places, &self.values) {
+            let mut on = belief.take().unwrap_or_else(|| map.anywhere());
+            let seen: Vec<f32> = state.point(points).col(0).iter().copied().collect();
+            // Of an observation that has no finite features, nothing is known.
+            *belief = map.follow(&mut on, step, &seen).is_ok().then_some(on);
+            state.belief = belief.as_ref();
+        }
+        state
     }
 
     /// Q-values of an observation for every task: the same as [`Learned::q_values`] of each, at the cost of one where values are
@@ -336,10 +382,47 @@ impl Learned {
         match &self.instances {
             None => self.weights.iter().map(|weights| weights.transpose() * phi).collect(),
             Some(instances) => {
-                let points = metric::points(&self.model, phi, instances.points().nrows());
-                self.local_values(points.as_ref(), 0..self.weights.len()).0
+                let p = self.places.as_ref().map_or(instances.points().nrows(), |map| map.points().nrows());
+                let points = metric::points(&self.model, phi, p);
+                let Some(map) = &self.places else {
+                    return self.local_values(points.as_ref(), 0..self.weights.len()).0;
+                };
+                let mut values = vec![Mat::zeros(self.actions(), points.ncols()); self.weights.len()];
+                for j in 0..points.ncols() {
+                    let of = self.values_by_places(map, points.col(j), None);
+                    values.iter_mut().zip(of).for_each(|(values, of)| values.col_mut(j).copy_from(of.col(0)));
+                }
+                values
             }
         }
+    }
+
+    /// The map of the floor, where it is one of the states of local values.
+    fn map_of_values(&self) -> Option<&FloorMap> {
+        let instances = self.instances.as_ref()?;
+        self.map.as_ref().filter(|map| Arc::ptr_eq(instances, map.instances()))
+    }
+
+    /// Local values of all tasks, `actions × 1` each, where the robot may be, by how probable that is (Littman, Cassandra & Kaelbling
+    /// 1995); without a belief, by what is seen alone.
+    fn values_by_places(&self, map: &PlaceMap, seen: ColRef<'_, f32>, belief: Option<&Belief>) -> Vec<Mat<f64>> {
+        let seen: Vec<f32> = seen.iter().copied().collect();
+        let modes = match belief {
+            Some(belief) => belief.modes(POSES, MOST),
+            None => {
+                let mut anywhere = map.anywhere();
+                let looked = map.follow(&mut anywhere, None, &seen);
+                looked.map_or(Vec::new(), |()| anywhere.modes(POSES, MOST))
+            }
+        };
+        let at: Vec<Vec<f32>> = modes.iter().map(|&(pose, _)| map.metric().point(&seen, pose)).collect();
+        let at = Mat::from_fn(at.first().map_or(0, Vec::len), at.len(), |i, j| at[j][i]);
+        let sum = modes.iter().map(|of| of.1).sum::<f64>();
+        let shares = Mat::from_fn(modes.len(), 1, |j, _| modes[j].1 / sum);
+        if modes.is_empty() {
+            return vec![Mat::zeros(self.actions(), 1); self.weights.len()];
+        }
+        self.local_values(at.as_ref(), 0..self.weights.len()).0.iter().map(|values| values * &shares).collect()
     }
 
     /// Local values of some tasks at points, and their places where there is a map; zeros and no places where a point is not finite,
@@ -348,7 +431,8 @@ impl Learned {
         // The column of a matrix of our own lies in one piece.
         let worths = self.weights[tasks.clone()].iter();
         let worths = worths.filter_map(|worth| Some(worth.as_ref().col(0).try_as_col_major()?.as_slice()));
-        let coordinates = self.map.iter().flat_map(FloorMap::coordinates);
+        let map = self.map_of_values();
+        let coordinates = map.iter().flat_map(|map| map.coordinates());
         let worths: Vec<&[f64]> = worths.chain(coordinates).collect();
         let values = self.instances.as_ref().and_then(|instances| instances.action_values(&worths, points).ok());
         let Some(mut values) = values else {
@@ -356,7 +440,7 @@ impl Learned {
         };
         let found = values.split_off(tasks.len());
         let places = |map: &FloorMap| (0..points.ncols()).map(|j| map.place(&found, j)).collect();
-        (values, self.map.as_ref().map(places))
+        (values, map.map(places))
     }
 
     /// A hash over dictionary, features and policy weights, bit by bit.
@@ -364,6 +448,7 @@ impl Learned {
         let mut hash = Sha256::new();
         hash.update(self.model_digest_input());
         hash.update(self.instances_digest_input());
+        hash.update(self.places_digest_input());
         for weights in self.weights.iter().chain(&self.heedless) {
             hash.update(bytes_of(weights.as_ref()));
         }
@@ -387,7 +472,7 @@ impl Learned {
 
     /// A hash over one task's weights, and over where actions were tried.
     pub fn policy_digest(&self, task: usize) -> String {
-        let hash = Sha256::new().chain_update(self.instances_digest_input());
+        let hash = Sha256::new().chain_update(self.instances_digest_input()).chain_update(self.places_digest_input());
         hex(&hash.chain_update(bytes_of(self.weights[task].as_ref())).finalize())
     }
 
@@ -400,6 +485,11 @@ impl Learned {
         bytes.extend(instances.counts().iter().flat_map(|&count| (count as u64).to_le_bytes()));
         bytes.extend(bytes_of_points(instances.points()));
         bytes
+    }
+
+    fn places_digest_input(&self) -> Vec<u8> {
+        let bits = self.places.iter().flat_map(|map| map.metric().to_bits());
+        bits.flat_map(u64::to_le_bytes).collect()
     }
 
     fn model_digest_input(&self) -> Vec<u8> {

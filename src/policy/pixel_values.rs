@@ -6,6 +6,7 @@ use thiserror::Error;
 use crate::kernel::Kernel;
 use crate::robot::{ActionValues, MOST_ACTIONS};
 use crate::slow::{SlowError, SlowModel};
+use crate::value::ValueError;
 use crate::vision::{Observation, ZERO};
 
 /// Values whose products with a support vector are summed in 32 bits: each is below 128 · 255 in size.
@@ -51,6 +52,9 @@ pub enum PolicyError {
         /// Transitions that there are.
         expected: usize,
     },
+    /// Places that are none.
+    #[error(transparent)]
+    Places(#[from] ValueError),
     /// Transitions in coordinates of another model.
     #[error("transitions have {found} coordinates, but there are {features} slow features")]
     Coordinates {

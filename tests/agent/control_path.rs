@@ -82,7 +82,7 @@ fn local_values_are_those_of_the_features() {
     let instances = instances(12, 200);
     let mut rng = stream(6, "worth");
     let worth = (0..2).map(|_| Mat::from_fn(600, 1, |_, _| rng.random_range(0.0..1.0))).collect();
-    let learned = Learned::local(1, 0, 0, model, instances, worth).unwrap();
+    let learned = Learned::local(1, 0, 0, model, instances, worth, None).unwrap();
     let seen: Vec<Observation> = (0..50).map(|_| observation(147, &mut rng)).collect();
     let phi = learned.features(columns(seen.iter()).as_ref(), Par::Seq);
     let known = learned.q_values_of(phi.as_ref());
@@ -122,7 +122,7 @@ fn an_action_that_was_never_tried_is_not_chosen() {
     let options = LocalOptions { neighbours: 8, ridge: 0.1 };
     let instances = Arc::new(Instances::new(points, vec![100, 100, 0], options).unwrap());
     let local =
-        Learned::local(1, 0, 0, model.clone(), instances, vec![Mat::from_fn(200, 1, |i, _| -1.0 - (i % 3) as f64)])
+        Learned::local(1, 0, 0, model.clone(), instances, vec![Mat::from_fn(200, 1, |i, _| -1.0 - (i % 3) as f64)], None)
             .unwrap();
     let untried = Mat::from_fn(26, 3, |i, a| match (i, a) {
         (0, 2) => f64::NEG_INFINITY,
@@ -148,7 +148,7 @@ fn an_action_that_was_never_tried_is_not_chosen() {
 fn local_values_that_cannot_be_acted_on_are_refused() {
     let make = |instances: Arc<Instances>, worth: Mat<f64>| {
         let model = model(Kernel::gaussian(300.0).unwrap(), 4, 2, 3, 1);
-        Learned::local(1, 0, 0, model, instances, vec![worth]).unwrap_err()
+        Learned::local(1, 0, 0, model, instances, vec![worth], None).unwrap_err()
     };
     let error = make(instances(4, 5), Mat::zeros(15, 1));
     assert_eq!(error, PolicyError::Coordinates { found: 4, features: 3 });

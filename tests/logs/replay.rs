@@ -235,8 +235,11 @@ fn signalled(folder: &Path, arguments: &[&str], bytes: u64, signal: &str) {
 #[test]
 fn a_run_that_was_interrupted_goes_on_to_the_end_of_one_that_was_not() {
     let folder = tempfile::tempdir().unwrap();
-    let actions = ["--actions", "800"];
+    let actions = ["--actions", "800", "--set", "value.places=true"];
     let whole = report(&smoke_run(folder.path(), "whole", &actions));
+    let checkpoint = std::fs::read(folder.path().join("whole/checkpoint.safetensors")).unwrap();
+    let (learned, _) = adagio::agent::read_checkpoint(&checkpoint, &folder.path().join("whole")).unwrap();
+    assert!(learned.places.is_some_and(|map| map.poses().len() > 400), "few states have a place");
     signalled(folder.path(), &actions, 500_000, "-INT");
     let run = folder.path().join("run");
     let frames = report(&run)["run"]["frames"].as_u64().unwrap();
@@ -264,14 +267,17 @@ fn a_run_that_was_interrupted_goes_on_to_the_end_of_one_that_was_not() {
 
 #[test]
 fn a_run_that_was_killed_goes_on_from_the_last_state_that_was_kept() {
-    for (mode, selection, method) in
-        [("lockstep", "ald", "local"), ("lockstep", "random", "lspi"), ("realtime", "ald", "local")]
-    {
+    for (mode, selection, method, places) in [
+        ("lockstep", "ald", "local", "true"),
+        ("lockstep", "random", "lspi", "false"),
+        ("realtime", "ald", "local", "false"),
+    ] {
         let folder = tempfile::tempdir().unwrap();
         let sets = [
             format!("agent.mode={mode}"),
             format!("dictionary.selection={selection}"),
             format!("value.method={method}"),
+            format!("value.places={places}"),
             "agent.snapshot_minutes=0.002".to_owned(),
         ];
         let mut settings = vec!["--actions", "1000"];

@@ -13,6 +13,7 @@ use serde::{Deserialize, Serialize};
 use super::messages::{Decision, Item, Percept, TaskOutcomes, Update};
 use super::record::{Level, Recorder};
 use super::saved::{action_of, learned, recent_numbers, recent_of};
+use super::way::Way;
 use crate::agent::error::RunError;
 use crate::agent::runtime::clock::Clock;
 use crate::agent::runtime::controls::Controls;
@@ -36,6 +37,7 @@ pub struct Act {
     behaviour: BehaviourSchedule,
     walk: Walk,
     reflexes: Reflexes,
+    way: Way,
     number: usize,
 }
 
@@ -48,18 +50,20 @@ impl Act {
             behaviour: BehaviourSchedule::new(scenario, stream(scenario.seed, "legs")),
             walk: Walk::new(scenario, stream(scenario.seed, "explore")),
             reflexes: Reflexes::new(scenario),
+            way: Way::new(scenario),
             number: 0,
         }
     }
 
     /// Act on what was learned from now on.
     pub fn install(&mut self, learned: Arc<Learned>) {
+        self.way.find_again(&learned);
         self.learned = Some(learned);
     }
 
     /// The next action. What was executed last is in the percept: a replay executes what was recorded, whatever is decided.
     pub fn step(&mut self, percept: &Percept) -> Decision {
-        let state = self.learned.as_ref().map(|learned| learned.state(&percept.observation));
+        let state = self.way.state(self.learned.as_deref(), percept);
         // Where a goal was shown, what the camera sees decides whether this is it.
         let in_goal = |task: usize| match (self.shown[task], &state) {
             (true, state) => state.as_ref().is_some_and(|state| state.is_there(task)),
@@ -95,6 +99,7 @@ impl Persist for Act {
     fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
         snapshot.inner("behaviour", &mut self.behaviour)?;
         snapshot.inner("walk", &mut self.walk)?;
+        snapshot.inner("way", &mut self.way)?;
         snapshot.value("number", &mut self.number)
     }
 }
@@ -127,6 +132,7 @@ impl Persist for ActState {
         if let Some(learned) = self.learned.clone().filter(|_| snapshot.is_restoring()) {
             self.act.install(learned);
         }
+        self.act.way.persist_belief(snapshot)?;
         let mut count = self.waiting.len();
         snapshot.value("waiting", &mut count)?;
         if snapshot.is_restoring() {

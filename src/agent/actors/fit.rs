@@ -5,6 +5,7 @@
 
 use std::collections::BTreeMap;
 use std::convert::Infallible;
+use std::f64::consts::TAU;
 use std::sync::Arc;
 
 use faer::{Mat, Par};
@@ -17,15 +18,16 @@ use crate::agent::runtime::clock::Clock;
 use crate::agent::runtime::queue::{Inbox, Outbox};
 use crate::agent::runtime::status::Status;
 use crate::gpu::Choice;
-use crate::policy::{FloorMap, GoalRegion, Learned, columns, points};
+use crate::policy::{FloorMap, GoalRegion, Learned, columns, points, step_of};
 use crate::robot::ActionSet;
-use crate::scenario::{Method, Scenario, Task};
+use crate::scenario::{Body, Method, Robot, Scenario, Task};
 use crate::slow::{SlowError, SlowModel};
 use crate::snapshot::{Persist, Snapshot, SnapshotError};
 use crate::value::{
     Fit, Instances, Local, LocalOptions, LocalOutcomes, Lspi, LspiOptions, MapStep, MetricMap, Outcomes, Samples,
     ValueError, balance, greedy,
 };
+use crate::value::place::{PlaceMap, PlaceMetric, PlaceOptions, Pose};
 use crate::vision::Observation;
 
 /// Observations that are projected in one product: their products and kernel values take `12 · 512 · m` bytes, and what a device is at
@@ -38,6 +40,8 @@ pub struct FitPolicies {
     par: Par,
     rows: KernelRows,
     epoch: u32,
+    /// Where the observations of the window lie, by frame, as the model before had it; none where places are not told.
+    poses: BTreeMap<u64, Pose>,
     /// What people were told with the model before.
     told: Vec<String>,
 }
@@ -48,7 +52,8 @@ type Fits = (Vec<Fit>, Vec<Mat<f64>>);
 impl FitPolicies {
     /// A fitter for the tasks of a scenario; its results do not depend on `par`.
     pub fn new(scenario: Arc<Scenario>, par: Par) -> Self {
-        FitPolicies { rows: KernelRows::new(scenario.agent.compute), scenario, par, epoch: 0, told: Vec::new() }
+        let (rows, poses) = (KernelRows::new(scenario.agent.compute), BTreeMap::new());
+        FitPolicies { rows, scenario, par, epoch: 0, poses, told: Vec::new() }
     }
 
     /// Who computes the kernel values of the window, as far as there was a choice.
@@ -56,7 +61,7 @@ impl FitPolicies {
         self.rows.choice()
     }
 
-    /// Policies for a new model. Nothing of an older model is used: the whole window is projected again.
+    /// Policies for a new model. Nothing of an older model is used but where observations were: the whole window is projected again.
     pub fn step(&mut self, request: FitRequest) -> Update {
         let transitions = request.window.len();
         let fitted = request.model.and_then(|model| {
@@ -65,7 +70,7 @@ impl FitPolicies {
             let tried = match self.scenario.value.method {
                 Method::Lspi => None,
                 Method::Local => {
-                    let tried = Tried::new(&self.scenario, &model, &projected, &request.window);
+                    let tried = Tried::new(&self.scenario, &model, &projected, &request.window, &mut self.poses);
                     Some(tried.map_err(|error| error.to_string())?)
                 }
             };
@@ -81,7 +86,8 @@ impl FitPolicies {
                 }
                 Some(tried) => {
                     let fits = self.fit_locally(&projected, &tried, &shown).map_err(|error| error.to_string())?;
-                    (Learned::local(epoch, asked_at, frames, model, tried.instances, weights_of(&fits.0)), fits)
+                    let (weights, places) = (weights_of(&fits.0), tried.places);
+                    (Learned::local(epoch, asked_at, frames, model, tried.instances, weights, places), fits)
                 }
             };
             let (fits, heedless) = fits;
@@ -183,6 +189,14 @@ impl FitPolicies {
 impl Persist for FitPolicies {
     fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
         snapshot.value("epoch", &mut self.epoch)?;
+        let bits = |(&frame, pose): (&u64, &Pose)| (frame, [pose.x, pose.y, pose.heading].map(f64::to_bits));
+        let mut poses: Vec<(u64, [u64; 3])> = self.poses.iter().map(bits).collect();
+        snapshot.value("poses", &mut poses)?;
+        let pose = |(frame, bits): (u64, [u64; 3])| {
+            let [x, y, heading] = bits.map(f64::from_bits);
+            (frame, Pose { x, y, heading })
+        };
+        self.poses = poses.into_iter().map(pose).collect();
         snapshot.value("told", &mut self.told)
     }
 }
@@ -232,28 +246,59 @@ struct Tried<'a> {
     instances: Arc<Instances>,
     /// Where they led, `p × N`.
     to: Mat<f32>,
+    /// What the coordinates are, if they tell places as well.
+    places: Option<PlaceMetric>,
 }
 
 impl<'a> Tried<'a> {
+    /// `poses`: where observations lie, by frame, from the model before to this one.
     fn new(
         scenario: &Scenario,
         model: &SlowModel<f32>,
         projected: &Projection,
         window: &'a [TaskTransition],
+        poses: &mut BTreeMap<u64, Pose>,
     ) -> Result<Self, ValueError> {
         let mut sorted: Vec<&TaskTransition> = window.iter().collect();
         sorted.sort_by_key(|t| t.action);
         let actions = &scenario.robot.actions;
+        let mut points = points(model, projected.phi.as_ref(), scenario.value.metric_features);
+        let mut places = None;
+        if scenario.value.places
+            && let Some(map) = projected.places(&points, &scenario.robot, window, poses)?
+        {
+            sorted.retain(|t| [&t.from, &t.to].iter().all(|seen| poses.contains_key(&seen.frame)));
+            let metric = map.metric();
+            let of = |j: usize| metric.point(&column(&points, j), map.poses()[j].unwrap_or_default());
+            let of: Vec<Vec<f32>> = (0..points.ncols()).map(of).collect();
+            points = Mat::from_fn(of[0].len(), of.len(), |i, j| of[j][i]);
+            places = Some(metric);
+        }
         let counts = actions.iter().map(|a| sorted.iter().filter(|t| t.action == a.index()).count()).collect();
-        let points = points(model, projected.phi.as_ref(), scenario.value.metric_features);
         let at = |place: &dyn Fn(&TaskTransition) -> u64| {
             let places: Vec<usize> = sorted.iter().map(|t| projected.place[&place(t)]).collect();
             Mat::from_fn(points.nrows(), places.len(), |i, j| points[(i, places[j])])
         };
         let instances = Arc::new(Instances::new(at(&|t| t.from.frame), counts, local_options(scenario))?);
         let to = at(&|t| t.to.frame);
-        Ok(Tried { sorted, instances, to })
+        Ok(Tried { sorted, instances, to, places })
     }
+}
+
+fn column(matrix: &Mat<f32>, j: usize) -> Vec<f32> {
+    matrix.col(j).iter().copied().collect()
+}
+
+/// Headings of a grid on which all turns are whole numbers of headings, as far as that is possible. Robots do not turn exactly, as
+/// games do: where they have turned by half a heading in all, they are to be found between two.
+fn headings(robot: &Robot) -> usize {
+    let turns = || robot.actions.iter().map(|action| robot.actions.motion(action).angle / TAU);
+    let fits = |headings: &usize| {
+        turns().all(|turn| (turn * *headings as f64 - (turn * *headings as f64).round()).abs() < 1e-6)
+    };
+    let fineness = if robot.body == Body::Program { 1 } else { 2 };
+    let headings = (4..=64 / fineness).find(fits).filter(|_| turns().any(|turn| turn != 0.0));
+    fineness * headings.unwrap_or(PlaceOptions::default().headings)
 }
 
 fn local_options(scenario: &Scenario) -> LocalOptions {
@@ -310,7 +355,7 @@ impl Shown {
         let places = known
             .map(|known| Mat::from_fn(2, all.ncols(), |axis, j| known.positions()[j][axis] / scenario.robot.forward));
         if let Some(places) = &places {
-            let map = match tried {
+            let map = match tried.filter(|tried| tried.places.is_none()) {
                 Some(tried) => {
                     let of: Vec<usize> = tried.sorted.iter().map(|t| projected.place[&t.from.frame]).collect();
                     let places = Mat::from_fn(2, of.len(), |axis, j| places[(axis, of[j])]);
@@ -441,12 +486,30 @@ impl Projection {
         for t in window {
             let (from, to) = (self.place[&t.from.frame], self.place[&t.to.frame]);
             if let (true, Some(action)) = (to == from + 1, actions.get(t.action)) {
-                let motion = actions.motion(action);
-                let distance = (!t.result.blocked).then_some(motion.distance);
-                steps[from] = Some(MapStep { turn: motion.angle, distance });
+                steps[from] = Some(step_of(actions, action, t.result.blocked));
             }
         }
         steps
+    }
+
+    /// Where observations lie, from where they lay by the model before; `None`, and as it was, where most have no place.
+    fn places(
+        &self,
+        points: &Mat<f32>,
+        robot: &Robot,
+        window: &[TaskTransition],
+        poses: &mut BTreeMap<u64, Pose>,
+    ) -> Result<Option<PlaceMap>, ValueError> {
+        let before: Vec<Option<Pose>> = self.place.keys().map(|frame| poses.get(frame).copied()).collect();
+        let options = PlaceOptions { headings: headings(robot), ..PlaceOptions::default() };
+        let map = PlaceMap::new(points.clone(), &self.steps(&robot.actions, window), &before, options)?;
+        let is_told = |map: &PlaceMap| 2 * map.poses().iter().flatten().count() > map.poses().len();
+        let map = map.filter(is_told);
+        if let Some(map) = &map {
+            let placed = self.place.keys().zip(map.poses());
+            *poses = placed.filter_map(|(&frame, pose)| Some((frame, (*pose)?))).collect();
+        }
+        Ok(map)
     }
 
     /// Features of some observations, one a column.

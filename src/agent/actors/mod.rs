@@ -14,3 +14,4 @@ mod saved;
 pub mod solve;
 pub mod source;
 mod tasks;
+mod way;

@@ -12,6 +12,7 @@ use crate::policy::{FloorMap, GoalRegion, Learned, Recent};
 use crate::robot::{Action, MOST_ACTIONS};
 use crate::slow::{Link, SlowModel};
 use crate::snapshot::{Snapshot, SnapshotError};
+use crate::value::place::PlaceMetric;
 use crate::value::{Instances, LocalOptions};
 use crate::vision::Observation;
 
@@ -45,14 +46,16 @@ pub fn learned(snapshot: &mut Snapshot, name: &str, learned: &mut Option<Arc<Lea
         }
         let mut instances = of.and_then(|of| of.instances.clone());
         places(snapshot, &mut instances)?;
+        let mut metric = of.and_then(|of| of.places.as_ref()).map(|map| map.metric().to_bits());
+        snapshot.value("place_metric", &mut metric)?;
         let mut map = of.and_then(|of| of.map.clone());
-        floor_map(snapshot, &mut map, instances.as_ref())?;
+        floor_map(snapshot, &mut map, instances.as_ref().filter(|_| metric.is_none()))?;
         let mut regions = of.map_or(Vec::new(), |of| of.regions.clone());
         goal_regions(snapshot, &mut regions)?;
         if let Some(model) = model.filter(|_| snapshot.is_restoring()) {
             let restored = match instances {
                 None => Learned::new(epoch, asked_at, frames, model, weights),
-                Some(instances) => Learned::local(epoch, asked_at, frames, model, instances, weights),
+                Some(instances) => Learned::local(epoch, asked_at, frames, model, instances, weights, metric.map(PlaceMetric::from_bits)),
             };
             let goal = |bits: [u64; 2]| Some(bits.map(f64::from_bits)).filter(|goal| !goal[0].is_nan());
             let restored = restored.map(|learned| learned.with_heedless(heedless));

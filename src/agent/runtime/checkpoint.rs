@@ -23,6 +23,7 @@ use crate::policy::{FloorMap, GoalRegion, Learned};
 use crate::scenario::{Scenario, ScenarioError, hex};
 use crate::slow::SlowModel;
 use crate::snapshot::{Matrix, Snapshot, Values};
+use crate::value::place::PlaceMetric;
 use crate::value::{Instances, LocalOptions};
 
 /// Name of the newest checkpoint in a run folder, and of the attachment in a log.
@@ -83,7 +84,7 @@ pub fn checkpoint_bytes(learned: &Learned, scenario: &Scenario) -> Result<Vec<u8
     }
     if let Some(map) = &learned.map {
         tensors.push(matrix("map.places", map.places().as_ref()));
-        if learned.instances.is_none() {
+        if learned.instances.is_none() || learned.places.is_some() {
             tensors.push(points("map.states", map.instances().points()));
         }
     }
@@ -94,6 +95,7 @@ pub fn checkpoint_bytes(learned: &Learned, scenario: &Scenario) -> Result<Vec<u8
         tensors.push(points(&format!("region.{task}.marks"), region.marks()));
         tensors.push(matrix(&format!("region.{task}.marked"), region.marked()));
     }
+    let metric = learned.places.as_ref().map(|map| map.metric().to_bits());
     let entries = BTreeMap::from([
         ("scenario".to_owned(), scenario.text.clone()),
         ("epoch".to_owned(), learned.epoch.to_string()),
@@ -105,6 +107,7 @@ pub fn checkpoint_bytes(learned: &Learned, scenario: &Scenario) -> Result<Vec<u8
         ("digest".to_owned(), learned.digest()),
         ("goals".to_owned(), serde_json::to_string(&learned.goals).map_err(damaged)?),
         ("instances".to_owned(), serde_json::to_string(counts).map_err(damaged)?),
+        ("place_metric".to_owned(), serde_json::to_string(&metric).map_err(damaged)?),
         ("region_bits".to_owned(), serde_json::to_string(&within).map_err(damaged)?),
     ]);
     // One entry: the format keeps several in no fixed order, and equal runs write equal bytes.
@@ -228,9 +231,13 @@ pub fn read_checkpoint(bytes: &[u8], path: &Path) -> Result<(Learned, Scenario),
     if !goals.is_empty() && goals.len() != places {
         return Err(damaged(format!("it has {} goals for {places} tasks", goals.len())));
     }
+    // Places are not told in the checkpoints of earlier versions.
+    let metric = metadata.get("place_metric").map(|text| serde_json::from_str::<Option<[u64; 4]>>(text));
+    let metric = metric.transpose().map_err(|e| damaged(format!("place_metric: {e}")))?.flatten();
+    let metric = metric.map(PlaceMetric::from_bits);
     let learned = match instances {
         None => Learned::new(epoch, asked_at, frames, model, weights),
-        Some(instances) => Learned::local(epoch, asked_at, frames, model, instances, weights),
+        Some(instances) => Learned::local(epoch, asked_at, frames, model, instances, weights, metric),
     };
     // No goals are shown in the checkpoints of earlier versions.
     let within = metadata.get("region_bits").map(|text| serde_json::from_str::<Vec<Option<[u64; 2]>>>(text));
@@ -251,7 +258,7 @@ pub fn read_checkpoint(bytes: &[u8], path: &Path) -> Result<(Learned, Scenario),
     let map = match tensors.names().contains(&"map.places") {
         false => None,
         true => {
-            let states = match &learned.as_ref().ok().and_then(|learned| learned.instances.clone()) {
+            let states = match &learned.as_ref().ok().filter(|of| of.places.is_none()).and_then(|of| of.instances.clone()) {
                 Some(instances) => instances.clone(),
                 None => {
                     let states = single("map.states")?;

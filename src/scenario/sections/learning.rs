@@ -1,6 +1,7 @@
 //! `[dictionary]`, `[slow]`, `[value]`: what is learned.
 
 use crate::dictionary::WhenFull;
+use crate::scenario::Body;
 use crate::scenario::keys::{Range, Section};
 
 /// `[dictionary]`
@@ -64,6 +65,8 @@ pub struct Value {
     pub neighbours: usize,
     /// Local values: slowest features that define the distance of states each other.
     pub metric_features: usize,
+    /// Local values: whether states are told by where the robot is as well, by the way that it came.
+    pub places: bool,
     /// Local values: ridge on the slopes of the regression, in mean squared distances of the neighbours.
     pub local_ridge: f64,
     /// LSPI: ridge on the diagonal of the summed system.
@@ -157,7 +160,7 @@ impl Slow {
 }
 
 impl Value {
-    pub(super) fn read(s: &mut Section<'_, '_>) -> Self {
+    pub(super) fn read(s: &mut Section<'_, '_>, body: Body) -> Self {
         Value {
             method: s.choice(
                 "method",
@@ -182,6 +185,11 @@ impl Value {
                 1,
                 5000,
                 "local: slowest features that define the distance of states",
+            ),
+            places: s.flag(
+                "places",
+                body == Body::Program,
+                "local: states are told apart by where the robot is, too, by the way that it came; for places that look alike",
             ),
             local_ridge: s.number(
                 "local_ridge",

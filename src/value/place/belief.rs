@@ -1,6 +1,11 @@
 //! A probability of every pose.
 
 use super::grid::{Grid, Motion, Pose};
+use crate::value::ValueError;
+use crate::value::error::parameter;
+
+/// Headings and size of a grid; cells and the bits of their probabilities; bits of how much was expected.
+pub type BeliefParts = ((usize, usize), Vec<(usize, u64)>, u64);
 
 /// Poses less probable than this share of the most probable one are given up.
 const LEAST: f64 = 1e-5;
@@ -24,12 +29,37 @@ impl Belief {
         Belief { grid, cells, expected: 0.0 }
     }
 
-    /// The most probable poses, and how probable they are.
-    pub fn likely(&self, count: usize) -> Vec<(Pose, f64)> {
-        let mut cells = self.cells.clone();
-        cells.sort_unstable_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
-        cells.truncate(count);
-        cells.into_iter().map(|(cell, probability)| (self.grid.pose(cell), probability)).collect()
+    /// Where the robot may be: the most probable pose with all around it, then that of the others, and so on, at most `count`
+    /// of them until they make up `share`; and how probable each is.
+    pub fn modes(&self, count: usize, share: f64) -> Vec<(Pose, f64)> {
+        let (mut left, mut modes, mut told) = (self.clone(), Vec::new(), 0.0);
+        while modes.len() < count && told < share && !left.cells.is_empty() {
+            let mode = left.mode();
+            left.cells.retain(|&(cell, _)| !left.grid.is_near(cell, mode.cell));
+            told += mode.around;
+            modes.push((mode.pose, mode.around));
+        }
+        modes
+    }
+
+    /// Headings and size of its grid, its cells and their probabilities, and how much was expected; fractions bit by bit.
+    pub fn to_parts(&self) -> BeliefParts {
+        let cells = self.cells.iter().map(|&(cell, probability)| (cell, probability.to_bits())).collect();
+        ((self.grid.headings, self.grid.size), cells, self.expected.to_bits())
+    }
+
+    /// What these were the parts of.
+    ///
+    /// # Errors
+    /// A cell that is not on the grid, a probability that is none.
+    pub fn from_parts((grid, cells, expected): BeliefParts) -> Result<Self, ValueError> {
+        let grid = Grid { headings: grid.0, size: grid.1 };
+        let cells: Vec<(usize, f64)> = cells.into_iter().map(|(cell, bits)| (cell, f64::from_bits(bits))).collect();
+        for &(cell, probability) in &cells {
+            parameter("cell", cell as f64, cell < grid.cells(), "on the grid")?;
+            parameter("probability", probability, (0.0..=1.0 + 1e-9).contains(&probability), "0 to 1")?;
+        }
+        Ok(Belief { grid, cells, expected: f64::from_bits(expected) })
     }
 
     /// One motion later. `at`: one zero for each cell; they are zeros again behind it.
@@ -59,26 +89,29 @@ impl Belief {
         sum
     }
 
-    /// The most probable pose, between the cells next to it, and the probability of all within two moves of it with its heading.
-    pub(super) fn mode(&self) -> (Pose, f64) {
-        let most = self.cells.iter().fold((0, 0.0), |most, &of| if of.1 > most.1 { of } else { most }).0;
-        let (heading, x, y) = self.grid.parts(most);
-        let size = self.grid.size as isize;
-        let away = |a: usize, b: usize| (a as isize - b as isize + size / 2).rem_euclid(size) - size / 2;
+    /// The most probable pose, and what is around it.
+    pub(super) fn mode(&self) -> Mode {
+        let cell = self.cells.iter().fold((0, 0.0), |most, &of| if of.1 > most.1 { of } else { most }).0;
         let (mut near, mut sums, mut around) = (0.0, [0.0; 2], 0.0);
-        for &(cell, probability) in &self.cells {
-            let (of, cx, cy) = self.grid.parts(cell);
-            let by = [away(cx, x), away(cy, y)];
-            if of == heading && by.iter().all(|by| by.abs() <= 2) {
-                around += probability;
-                if by.iter().all(|by| by.abs() <= 1) {
-                    near += probability;
-                    (0..2).for_each(|axis| sums[axis] += probability * by[axis] as f64);
-                }
+        for &(of, probability) in self.cells.iter().filter(|of| self.grid.is_near(of.0, cell)) {
+            around += probability;
+            let by = self.grid.away(of, cell);
+            if by.iter().all(|by| by.abs() <= 1) {
+                near += probability;
+                (0..2).for_each(|axis| sums[axis] += probability * by[axis] as f64);
             }
         }
-        let pose = self.grid.pose(most);
+        let pose = self.grid.pose(cell);
         let between = |sum: f64| if near > 0.0 { sum / near } else { 0.0 };
-        (Pose { x: pose.x + between(sums[0]), y: pose.y + between(sums[1]), ..pose }, around)
+        Mode { cell, pose: Pose { x: pose.x + between(sums[0]), y: pose.y + between(sums[1]), ..pose }, around }
     }
+}
+
+/// A most probable pose.
+pub(super) struct Mode {
+    cell: usize,
+    /// Between the cells next to it.
+    pub pose: Pose,
+    /// Probability of all within two moves of it with its heading.
+    pub around: f64,
 }

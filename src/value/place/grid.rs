@@ -13,9 +13,11 @@ const STOPS: [(f64, f64, f64); 5] =
     [(0.8, 0.0, 0.0), (0.05, 0.5, 0.0), (0.05, -0.5, 0.0), (0.05, 0.0, 0.5), (0.05, 0.0, -0.5)];
 /// Of a turn.
 const STAYS: [(f64, f64, f64); 1] = [(1.0, 0.0, 0.0)];
+/// Standard deviation of the heading that a step leads to, radians, whatever it is: robots do not turn exactly, and veer off.
+const VEERS: f64 = 0.04;
 
 /// A place and a direction. Units: lengths of a move, radians counter-clockwise.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Pose {
     /// Along the first axis.
     pub x: f64,
@@ -61,12 +63,29 @@ impl Grid {
         (heading * self.size + wrap(x, by[0])) * self.size + wrap(y, by[1])
     }
 
+    /// By how many cells one lies beyond another along both axes.
+    pub fn away(self, cell: usize, from: usize) -> [isize; 2] {
+        let ((_, ax, ay), (_, bx, by)) = (self.parts(cell), self.parts(from));
+        let size = self.size as isize;
+        [(ax, bx), (ay, by)].map(|(a, b)| (a as isize - b as isize + size / 2).rem_euclid(size) - size / 2)
+    }
+
+    /// Whether a cell is within two moves of another, with its heading.
+    pub fn is_near(self, cell: usize, of: usize) -> bool {
+        self.parts(cell).0 == self.parts(of).0 && self.away(cell, of).iter().all(|by| by.abs() <= 2)
+    }
+
     /// What a step does; `unit`: length of a move.
     pub fn motion(self, step: MapStep, unit: f64) -> Motion {
         let turned = step.turn / TAU * self.headings as f64;
         let (whole, part) = (turned.floor(), turned - turned.floor());
         let heading = |whole: f64| whole.rem_euclid(self.headings as f64) as usize % self.headings;
-        let turns = [(heading(whole), 1.0 - part), (heading(whole + 1.0), part)];
+        // What is not known of a turn: as much as makes a standard deviation of `VEERS`.
+        let veers = (VEERS * self.headings as f64 / TAU).powi(2) / 2.0;
+        let turns = [(-1.0, veers), (0.0, 1.0 - 2.0 * veers), (1.0, veers)].into_iter().flat_map(|(more, probability)| {
+            [(heading(whole + more), (1.0 - part) * probability), (heading(whole + more + 1.0), part * probability)]
+        });
+        let turns = turns.filter(|turn| turn.1 > 0.0).collect();
         let spread = (0..self.headings).map(|heading| {
             let (sin, cos) = (TAU * heading as f64 / self.headings as f64).sin_cos();
             let mut to: Vec<([isize; 2], f64)> = Vec::new();
@@ -102,7 +121,7 @@ impl Grid {
 pub(super) struct Motion {
     grid: Grid,
     /// By how many headings it turns.
-    turns: [(usize, f64); 2],
+    turns: Vec<(usize, f64)>,
     /// For each new heading, by how many cells it moves.
     spread: Vec<Vec<([isize; 2], f64)>>,
 }
@@ -112,7 +131,7 @@ impl Motion {
     pub fn from(&self, cell: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
         let Grid { headings, size } = self.grid;
         let (heading, rest) = (cell / (size * size), cell % (size * size));
-        self.turns.iter().filter(|turn| turn.1 > 0.0).flat_map(move |&(by, share)| {
+        self.turns.iter().flat_map(move |&(by, share)| {
             let turned = (heading + by) % headings;
             let at = turned * size * size + rest;
             self.spread[turned].iter().map(move |&(by, probability)| (self.grid.shifted(at, by), share * probability))

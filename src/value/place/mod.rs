@@ -27,4 +27,4 @@ mod map;
 
 pub use belief::Belief;
 pub use grid::Pose;
-pub use map::{PlaceMap, PlaceOptions};
+pub use map::{PlaceMap, PlaceMetric, PlaceOptions};

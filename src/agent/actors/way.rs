@@ -1,0 +1,96 @@
+//! Where the robot may be, by the way that it came.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use super::messages::Percept;
+use super::saved::{Observations, action_of, wrong};
+use crate::policy::{Learned, State, step_of};
+use crate::robot::{Action, ActionSet};
+use crate::scenario::Scenario;
+use crate::snapshot::{Persist, Snapshot, SnapshotError};
+use crate::value::place::Belief;
+use crate::vision::Observation;
+
+/// Percepts from which a robot finds out where it is, when there is a new map.
+const LENGTH: usize = 60;
+
+/// A belief, and what was perceived last. Nothing is kept where places are not told.
+pub struct Way {
+    is_kept: bool,
+    actions: ActionSet,
+    /// Values of an observation.
+    values: usize,
+    belief: Option<Belief>,
+    percepts: VecDeque<Passed>,
+}
+
+/// What was seen, and the action that led there: whether something blocked it; `None` where nothing is known of it.
+struct Passed {
+    observation: Arc<Observation>,
+    came_by: Option<(Action, bool)>,
+}
+
+impl Way {
+    /// Before the first percept.
+    pub fn new(scenario: &Scenario) -> Self {
+        Way {
+            is_kept: scenario.value.places,
+            actions: scenario.robot.actions.clone(),
+            values: scenario.vision.values(),
+            belief: None,
+            percepts: VecDeque::new(),
+        }
+    }
+
+    /// Find out where it is on the map of a new model: the last part of the way once more.
+    pub fn find_again(&mut self, learned: &Learned) {
+        self.belief = None;
+        for Passed { observation, came_by } in &self.percepts {
+            let step = came_by.map(|(action, blocked)| step_of(&self.actions, action, blocked));
+            learned.state_on_way(observation, &mut self.belief, step);
+        }
+    }
+
+    /// Come to a percept, and what a model makes of it.
+    pub fn state<'a>(&'a mut self, learned: Option<&'a Learned>, percept: &'a Percept) -> Option<State<'a>> {
+        let came_by = percept.action.map(|action| (action, percept.outcomes.blocked));
+        if self.is_kept {
+            if self.percepts.len() == LENGTH {
+                self.percepts.pop_front();
+            }
+            self.percepts.push_back(Passed { observation: percept.observation.clone(), came_by });
+        }
+        let step = came_by.map(|(action, blocked)| step_of(&self.actions, action, blocked));
+        learned.map(|learned| learned.state_on_way(&percept.observation, &mut self.belief, step))
+    }
+
+    /// The belief alone, which a model that is installed again would find another of.
+    pub fn persist_belief(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
+        let mut parts = self.belief.as_ref().map(Belief::to_parts);
+        snapshot.value("belief", &mut parts)?;
+        self.belief = parts.map(Belief::from_parts).transpose().map_err(|cause| wrong("belief", cause))?;
+        Ok(())
+    }
+}
+
+impl Persist for Way {
+    fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
+        let mut seen = Observations::default();
+        let passed = |of: &Passed| {
+            let came_by = of.came_by.map(|(action, blocked)| (action.index(), blocked));
+            (seen.add(&of.observation), came_by)
+        };
+        let mut percepts: Vec<(u64, Option<(usize, bool)>)> = self.percepts.iter().map(passed).collect();
+        snapshot.value("percepts", &mut percepts)?;
+        seen.persist(snapshot, self.values)?;
+        if snapshot.is_restoring() {
+            self.percepts.clear();
+            for (frame, came_by) in percepts {
+                let came_by = came_by.map(|(number, blocked)| Ok((action_of(snapshot, number)?, blocked)));
+                self.percepts.push_back(Passed { observation: seen.get(frame)?, came_by: came_by.transpose()? });
+            }
+        }
+        Ok(())
+    }
+}
