@@ -78,7 +78,7 @@ impl Memory {
         };
         let places = match s.value.method {
             Values::Local if s.value.places => {
-                let PlaceOptions { headings, size } = PlaceOptions::default();
+                let PlaceOptions { headings, size, .. } = PlaceOptions::default();
                 let cells = (2 * headings * size * size) as u64;
                 n * (16 * p + 250) + 6400 * n.min(cells) + (6 + waiting) * n * (4 * p + 52)
             }

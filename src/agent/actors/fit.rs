@@ -34,6 +34,9 @@ use crate::vision::Observation;
 /// twice as much again.
 const PROJECT_AT_ONCE: usize = 512;
 
+/// Standard deviation of the heading that an action of a robot leads to, radians; that of games is exact.
+const VEERS: f64 = 0.04;
+
 /// Values of all tasks from the window.
 pub struct FitPolicies {
     scenario: Arc<Scenario>,
@@ -501,7 +504,8 @@ impl Projection {
         poses: &mut BTreeMap<u64, Pose>,
     ) -> Result<Option<PlaceMap>, ValueError> {
         let before: Vec<Option<Pose>> = self.place.keys().map(|frame| poses.get(frame).copied()).collect();
-        let options = PlaceOptions { headings: headings(robot), ..PlaceOptions::default() };
+        let veers = if robot.body == Body::Program { 0.0 } else { VEERS };
+        let options = PlaceOptions { headings: headings(robot), veers, ..PlaceOptions::default() };
         let map = PlaceMap::new(points.clone(), &self.steps(&robot.actions, window), &before, options)?;
         let is_told = |map: &PlaceMap| 2 * map.poses().iter().flatten().count() > map.poses().len();
         let map = map.filter(is_told);

@@ -13,9 +13,6 @@ const STOPS: [(f64, f64, f64); 5] =
     [(0.8, 0.0, 0.0), (0.05, 0.5, 0.0), (0.05, -0.5, 0.0), (0.05, 0.0, 0.5), (0.05, 0.0, -0.5)];
 /// Of a turn.
 const STAYS: [(f64, f64, f64); 1] = [(1.0, 0.0, 0.0)];
-/// Standard deviation of the heading that a step leads to, radians, whatever it is: robots do not turn exactly, and veer off.
-const VEERS: f64 = 0.04;
-
 /// A place and a direction. Units: lengths of a move, radians counter-clockwise.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Pose {
@@ -75,13 +72,13 @@ impl Grid {
         self.parts(cell).0 == self.parts(of).0 && self.away(cell, of).iter().all(|by| by.abs() <= 2)
     }
 
-    /// What a step does; `unit`: length of a move.
-    pub fn motion(self, step: MapStep, unit: f64) -> Motion {
+    /// What a step does; `unit`: length of a move; `veers`: standard deviation of the heading behind it, radians.
+    pub fn motion(self, step: MapStep, unit: f64, veers: f64) -> Motion {
         let turned = step.turn / TAU * self.headings as f64;
         let (whole, part) = (turned.floor(), turned - turned.floor());
         let heading = |whole: f64| whole.rem_euclid(self.headings as f64) as usize % self.headings;
-        // What is not known of a turn: as much as makes a standard deviation of `VEERS`.
-        let veers = (VEERS * self.headings as f64 / TAU).powi(2) / 2.0;
+        // As much as makes that standard deviation.
+        let veers = ((veers * self.headings as f64 / TAU).powi(2) / 2.0).min(0.5);
         let turns = [(-1.0, veers), (0.0, 1.0 - 2.0 * veers), (1.0, veers)].into_iter().flat_map(|(more, probability)| {
             [(heading(whole + more), (1.0 - part) * probability), (heading(whole + more + 1.0), part * probability)]
         });

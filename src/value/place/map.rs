@@ -50,24 +50,27 @@ const OF_POSE: usize = 4;
 const SHORT: usize = 12;
 
 /// How places are told.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlaceOptions {
     /// Headings of the grid, 1 to 64: a turn should be a whole number of them.
     pub headings: usize,
     /// Cells of the grid along each axis, 8 to 512: a cell is as long as a move.
     pub size: usize,
+    /// Standard deviation of the heading that a step leads to, radians, 0 to 1: games turn exactly, robots do not.
+    pub veers: f64,
 }
 
-/// Eight headings, 64 moves along each axis.
+/// Eight headings, 64 moves along each axis, exact turns.
 impl Default for PlaceOptions {
     fn default() -> Self {
-        PlaceOptions { headings: 8, size: 64 }
+        PlaceOptions { headings: 8, size: 64, veers: 0.0 }
     }
 }
 
 impl PlaceOptions {
     fn check(self) -> Result<(), ValueError> {
-        let PlaceOptions { headings, size } = self;
+        let PlaceOptions { headings, size, veers } = self;
+        parameter("veers", veers, (0.0..=1.0).contains(&veers), "0 to 1")?;
         parameter("headings", headings as f64, (1..=64).contains(&headings), "1 to 64")?;
         parameter("size", size as f64, (8..=512).contains(&size), "8 to 512")
     }
@@ -98,14 +101,14 @@ impl PlaceMetric {
     }
 
     /// Everything of it, bit by bit.
-    pub fn to_bits(self) -> [u64; 4] {
-        let PlaceOptions { headings, size } = self.options;
-        [headings as u64, size as u64, self.unit.to_bits(), self.width.to_bits()]
+    pub fn to_bits(self) -> [u64; 5] {
+        let PlaceOptions { headings, size, veers } = self.options;
+        [headings as u64, size as u64, veers.to_bits(), self.unit.to_bits(), self.width.to_bits()]
     }
 
     /// What these were the bits of; a map checks it.
-    pub fn from_bits([headings, size, unit, width]: [u64; 4]) -> Self {
-        let options = PlaceOptions { headings: headings as usize, size: size as usize };
+    pub fn from_bits([headings, size, veers, unit, width]: [u64; 5]) -> Self {
+        let options = PlaceOptions { headings: headings as usize, size: size as usize, veers: f64::from_bits(veers) };
         PlaceMetric { options, unit: f64::from_bits(unit), width: f64::from_bits(width) }
     }
 
@@ -254,7 +257,7 @@ impl PlaceMap {
     fn go_on(&self, belief: &mut Belief, step: Option<MapStep>, seen: &[f32]) {
         let mut desk = Desk::new(self);
         let mut told = match step {
-            Some(step) => belief.after(&self.grid.motion(step, self.metric.unit), &mut desk.at),
+            Some(step) => belief.after(&self.grid.motion(step, self.metric.unit, self.metric.options.veers), &mut desk.at),
             None => self.anywhere().cells,
         };
         desk.look_at(self, seen, 0..0);
@@ -425,7 +428,7 @@ impl PlaceMap {
         let mut motions: Vec<(MapStep, Motion)> = Vec::new();
         for &step in steps.iter().flatten() {
             if motions.iter().all(|of| of.0 != step) {
-                motions.push((step, self.grid.motion(step, self.metric.unit)));
+                motions.push((step, self.grid.motion(step, self.metric.unit, self.metric.options.veers)));
             }
         }
         motions
@@ -739,6 +742,7 @@ mod tests {
         assert!(new(&steps[1..], &[None; 4], options).is_err() && new(&steps, &[None; 3], options).is_err());
         assert!(new(&steps, &[None; 4], PlaceOptions { headings: 0, ..options }).is_err());
         assert!(new(&steps, &[None; 4], PlaceOptions { size: 7, ..options }).is_err());
+        assert!(new(&steps, &[None; 4], PlaceOptions { veers: f64::NAN, ..options }).is_err());
         let odd = MapStep { turn: f64::NAN, distance: None };
         assert!(new(&[Some(odd); 3], &[None; 4], options).is_err());
         let points = Mat::from_fn(1, 4, |_, j| if j == 2 { f32::NAN } else { 0.0 });
