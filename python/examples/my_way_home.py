@@ -90,9 +90,11 @@ class MyWayHome(Doom):
 
 
 def main():
-    given = options(__doc__, 100_000).parse_args()
+    parser = options(__doc__, 100_000)
+    parser.add_argument("--no-places", action="store_true", help="without a memory of where the player may be")
+    given = parser.parse_args()
     loop = Loop(MyWayHome(), action=ACTIONS, blocked=lambda _, __, info: info["blocked"], seed=given.seed, out=given.out,
-                actions=most(given.steps, given.trials, 2100 // TURN_TICS))
+                actions=most(given.steps, given.trials, 2100 // TURN_TICS), value={"places": not given.no_places})
     loop.reset(given.seed)
     curve(loop, given.steps, given.trials)
 

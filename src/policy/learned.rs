@@ -13,8 +13,8 @@ use super::region::{FloorMap, GoalRegion};
 use crate::robot::{Action, ActionSet, ActionValues, MOST_ACTIONS};
 use crate::scenario::hex;
 use crate::slow::SlowModel;
-use crate::value::{Instances, MapStep};
 use crate::value::place::{Belief, PlaceMap, PlaceMetric};
+use crate::value::{Instances, MapStep};
 use crate::vision::Observation;
 
 /// Poses whose values are averaged: so many at most, until they make up this share of a belief.

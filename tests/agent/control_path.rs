@@ -121,9 +121,16 @@ fn an_action_that_was_never_tried_is_not_chosen() {
     let points = Mat::from_fn(12, 200, |i, j| ((i * 7 + j * 3) % 19) as f32 / 9.0 - 1.0);
     let options = LocalOptions { neighbours: 8, ridge: 0.1 };
     let instances = Arc::new(Instances::new(points, vec![100, 100, 0], options).unwrap());
-    let local =
-        Learned::local(1, 0, 0, model.clone(), instances, vec![Mat::from_fn(200, 1, |i, _| -1.0 - (i % 3) as f64)], None)
-            .unwrap();
+    let local = Learned::local(
+        1,
+        0,
+        0,
+        model.clone(),
+        instances,
+        vec![Mat::from_fn(200, 1, |i, _| -1.0 - (i % 3) as f64)],
+        None,
+    )
+    .unwrap();
     let untried = Mat::from_fn(26, 3, |i, a| match (i, a) {
         (0, 2) => f64::NEG_INFINITY,
         (0, _) => -1.0,

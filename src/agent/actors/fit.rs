@@ -23,11 +23,11 @@ use crate::robot::ActionSet;
 use crate::scenario::{Body, Method, Robot, Scenario, Task};
 use crate::slow::{SlowError, SlowModel};
 use crate::snapshot::{Persist, Snapshot, SnapshotError};
+use crate::value::place::{PlaceMap, PlaceMetric, PlaceOptions, Pose};
 use crate::value::{
     Fit, Instances, Local, LocalOptions, LocalOutcomes, Lspi, LspiOptions, MapStep, MetricMap, Outcomes, Samples,
     ValueError, balance, greedy,
 };
-use crate::value::place::{PlaceMap, PlaceMetric, PlaceOptions, Pose};
 use crate::vision::Observation;
 
 /// Observations that are projected in one product: their products and kernel values take `12 · 512 · m` bytes, and what a device is at

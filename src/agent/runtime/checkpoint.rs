@@ -258,14 +258,15 @@ pub fn read_checkpoint(bytes: &[u8], path: &Path) -> Result<(Learned, Scenario),
     let map = match tensors.names().contains(&"map.places") {
         false => None,
         true => {
-            let states = match &learned.as_ref().ok().filter(|of| of.places.is_none()).and_then(|of| of.instances.clone()) {
-                Some(instances) => instances.clone(),
-                None => {
-                    let states = single("map.states")?;
-                    let count = states.ncols();
-                    Arc::new(Instances::new(states, vec![count], options).map_err(damaged)?)
-                }
-            };
+            let states =
+                match &learned.as_ref().ok().filter(|of| of.places.is_none()).and_then(|of| of.instances.clone()) {
+                    Some(instances) => instances.clone(),
+                    None => {
+                        let states = single("map.states")?;
+                        let count = states.ncols();
+                        Arc::new(Instances::new(states, vec![count], options).map_err(damaged)?)
+                    }
+                };
             Some(FloorMap::new(states, read_matrix("map.places")?.as_ref()).map_err(damaged)?)
         }
     };

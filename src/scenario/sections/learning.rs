@@ -1,7 +1,6 @@
 //! `[dictionary]`, `[slow]`, `[value]`: what is learned.
 
 use crate::dictionary::WhenFull;
-use crate::scenario::Body;
 use crate::scenario::keys::{Range, Section};
 
 /// `[dictionary]`
@@ -160,7 +159,7 @@ impl Slow {
 }
 
 impl Value {
-    pub(super) fn read(s: &mut Section<'_, '_>, body: Body) -> Self {
+    pub(super) fn read(s: &mut Section<'_, '_>) -> Self {
         Value {
             method: s.choice(
                 "method",
@@ -188,7 +187,7 @@ impl Value {
             ),
             places: s.flag(
                 "places",
-                body == Body::Program,
+                false,
                 "local: states are told apart by where the robot is, too, by the way that it came; for places that look alike",
             ),
             local_ridge: s.number(

@@ -142,7 +142,7 @@ impl Scenario {
             vision: reader.section("vision", "camera image to observation", |s| Vision::read(s, robot.body)),
             dictionary: reader.section("dictionary", "support vectors", Dictionary::read),
             slow: reader.section("slow", "slow features", Slow::read),
-            value: reader.section("value", "what actions are worth", |s| Value::read(s, robot.body)),
+            value: reader.section("value", "what actions are worth", Value::read),
             policy: reader.section("policy", "exploration, pursuit, reflexes", Policy::read),
             agent: reader.section("agent", "", |s| Agent::read(s, &robot)),
             evaluate: reader.section("evaluate", "", Evaluate::read),

@@ -79,9 +79,10 @@ impl Grid {
         let heading = |whole: f64| whole.rem_euclid(self.headings as f64) as usize % self.headings;
         // As much as makes that standard deviation.
         let veers = ((veers * self.headings as f64 / TAU).powi(2) / 2.0).min(0.5);
-        let turns = [(-1.0, veers), (0.0, 1.0 - 2.0 * veers), (1.0, veers)].into_iter().flat_map(|(more, probability)| {
-            [(heading(whole + more), (1.0 - part) * probability), (heading(whole + more + 1.0), part * probability)]
-        });
+        let turns =
+            [(-1.0, veers), (0.0, 1.0 - 2.0 * veers), (1.0, veers)].into_iter().flat_map(|(more, probability)| {
+                [(heading(whole + more), (1.0 - part) * probability), (heading(whole + more + 1.0), part * probability)]
+            });
         let turns = turns.filter(|turn| turn.1 > 0.0).collect();
         let spread = (0..self.headings).map(|heading| {
             let (sin, cos) = (TAU * heading as f64 / self.headings as f64).sin_cos();

@@ -257,7 +257,9 @@ impl PlaceMap {
     fn go_on(&self, belief: &mut Belief, step: Option<MapStep>, seen: &[f32]) {
         let mut desk = Desk::new(self);
         let mut told = match step {
-            Some(step) => belief.after(&self.grid.motion(step, self.metric.unit, self.metric.options.veers), &mut desk.at),
+            Some(step) => {
+                belief.after(&self.grid.motion(step, self.metric.unit, self.metric.options.veers), &mut desk.at)
+            }
             None => self.anywhere().cells,
         };
         desk.look_at(self, seen, 0..0);

@@ -8,10 +8,11 @@
 //! # How a map is found
 //! The longest way is laid out by its motions, or its first piece. Each other piece is then looked for on the map of all the others: the
 //! belief is carried along it forward and backward, and where it has settled, the piece is placed. The same again, some times over, brings
-//! pieces into line that were placed while the map was small. What nothing on the map looks like stays without a place.
+//! pieces into line that were placed while the map was small. What nothing on the map looks like stays without a place. A map goes on
+//! from the places that another had found: then once is enough.
 //!
 //! Two rooms that are quite alike may be taken for one, above all where ways begin in either: with a single way in three of twelve
-//! worlds of the tests. The agent does not use these maps yet.
+//! worlds of the tests, and with eight rooms behind the equal doors of one corridor always.
 //!
 //! # Units
 //! Positions are in lengths of a move, headings in radians, counter-clockwise. The map is right up to a rotation and a shift,
