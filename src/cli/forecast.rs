@@ -85,16 +85,18 @@ impl LogForecast {
         let per_frame = measured + model + health;
         let transitions = scenario.value.window.min(scenario.actions);
         let coordinates = size_of::<f32>() * scenario.value.metric_features.min(k - 1);
+        // With places, four of the pose, and what is shown has its states beside.
+        let of_pose = if scenario.value.places { 4 * size_of::<f32>() } else { 0 };
         let fits = if scenario.avoids.is_empty() { 1 } else { 2 };
         let of_values = match scenario.value.method {
             Method::Lspi => 0,
-            Method::Local => transitions * (coordinates + size_of::<f64>() * fits * scenario.tasks.len()),
+            Method::Local => transitions * (coordinates + of_pose + size_of::<f64>() * fits * scenario.tasks.len()),
         };
         // The map of the floor: two coordinates of each state.
         let of_map = match (scenario.shows_any(), scenario.value.method) {
             (false, _) => 0,
-            (true, Method::Local) => transitions * 2 * size_of::<f64>(),
-            (true, Method::Lspi) => (transitions + 1) * (coordinates + 2 * size_of::<f64>()),
+            (true, Method::Local) if !scenario.value.places => transitions * 2 * size_of::<f64>(),
+            (true, _) => (transitions + 1) * (coordinates + 2 * size_of::<f64>()),
         };
         let learned = m * (size_of::<f32>() * d) as f64
             + m * m.min(k as f64) * size_of::<f64>() as f64

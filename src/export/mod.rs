@@ -189,7 +189,11 @@ fn about_model(model: &Model) -> AboutModel {
         sigma: learned.sigma(),
         exponent: learned.exponent(),
         tasks: names(&model.scenario),
-        values: if options.is_some() { LOCAL_VALUES } else { LINEAR_VALUES },
+        values: match (&learned.instances, &learned.places) {
+            (None, _) => LINEAR_VALUES,
+            (Some(_), None) => LOCAL_VALUES,
+            (Some(_), Some(_)) => PLACE_VALUES,
+        },
         neighbours: options.map(|options| options.neighbours),
         local_ridge: options.map(|options| options.ridge),
         digest: learned.digest(),
@@ -201,6 +205,9 @@ const LOCAL_VALUES: &str = "coordinates of x: its first features (without the co
     the mean of these, at least 0.001; of the instances of action a the nearest ones (neighbours), and weights \
     u = max(1 - distance^2 / distance^2 of the next one, 0) over their mean, at least 0.001; with differences D of coordinates and \
     G = D'D / (local_ridge * mean squared distance) + diag(1/u): Q(x, a) = 1'G^-1 worth / 1'G^-1 1";
+const PLACE_VALUES: &str = "as local values without places, but instances have coordinates of features by a common factor, and behind them \
+    four of the pose on the map: x and y in lengths of a move, 2 cos and 2 sin of the heading; Q(x, a) is their mean over the poses where \
+    the robot may be, here as x alone tells it; while it drives, as the way tells it";
 
 fn failed(path: &Path) -> impl Fn(io::Error) -> ExportError {
     move |cause| ExportError::Write { path: path.to_owned(), cause }

@@ -176,7 +176,7 @@ table! {
 table! {
     /// One row for each transition, where values are local: worth[task] of those nearby tells Q(x, a).
     LocalValues(coordinates, tasks) {
-        instances: f32 [coordinates] = "the state before the transition, in coordinates: slow features by the root of their slowness",
+        instances: f32 [coordinates] = "the state before the transition, in coordinates: slow features by the root of their slowness; with places also the pose, see about.json",
         instance_action: u8 [] = "number of the action",
         worth: f64 [tasks] = "what the transition is worth for each task",
     }

@@ -12,7 +12,7 @@
 //! from the places that another had found: then once is enough.
 //!
 //! Two rooms that are quite alike may be taken for one, above all where ways begin in either: with a single way in three of twelve
-//! worlds of the tests, and with eight rooms behind the equal doors of one corridor always.
+//! worlds of the tests, and in the one run with eight rooms behind the equal doors of a corridor.
 //!
 //! # Units
 //! Positions are in lengths of a move, headings in radians, counter-clockwise. The map is right up to a rotation and a shift,
