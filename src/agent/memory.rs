@@ -4,7 +4,6 @@ use super::actors::learn::stream_options;
 use crate::dictionary::WhenFull;
 use crate::scenario::{Method as Values, Scenario, SelectionRule};
 use crate::slow::{Method, SlowStream, solve_bytes};
-use crate::value::place::PlaceOptions;
 
 /// Bytes of everything that grows with the settings of a run, at its full size.
 ///
@@ -78,9 +77,8 @@ impl Memory {
         };
         let places = match s.value.method {
             Values::Local if s.value.places => {
-                let PlaceOptions { headings, size, .. } = PlaceOptions::default();
-                let cells = (2 * headings * size * size) as u64;
-                n * (16 * p + 250) + 6400 * n.min(cells) + (6 + waiting) * n * (4 * p + 52)
+                // The map that is made, the best one so far, and those of the models: points, poses and cells.
+                n * (16 * p + 400) + (6 + waiting) * n * (4 * p + 150)
             }
             _ => 0,
         };

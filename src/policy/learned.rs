@@ -340,7 +340,7 @@ impl Learned {
     ) -> State<'a> {
         let mut state = self.state(observation);
         if let (Some(map), Values::Local(points)) = (&self.places, &self.values) {
-            let mut on = belief.take().unwrap_or_else(|| map.anywhere());
+            let mut on = belief.take().unwrap_or_default();
             let seen: Vec<f32> = state.point(points).col(0).iter().copied().collect();
             // Of an observation that has no finite features, nothing is known.
             *belief = map.follow(&mut on, step, &seen).is_ok().then_some(on);
@@ -410,7 +410,7 @@ impl Learned {
         let modes = match belief {
             Some(belief) => belief.modes(POSES, MOST),
             None => {
-                let mut anywhere = map.anywhere();
+                let mut anywhere = Belief::default();
                 let looked = map.follow(&mut anywhere, None, &seen);
                 looked.map_or(Vec::new(), |()| anywhere.modes(POSES, MOST))
             }

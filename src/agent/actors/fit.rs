@@ -5,7 +5,6 @@
 
 use std::collections::BTreeMap;
 use std::convert::Infallible;
-use std::f64::consts::TAU;
 use std::sync::Arc;
 
 use faer::{Mat, Par};
@@ -23,7 +22,7 @@ use crate::robot::ActionSet;
 use crate::scenario::{Body, Method, Robot, Scenario, Task};
 use crate::slow::{SlowError, SlowModel};
 use crate::snapshot::{Persist, Snapshot, SnapshotError};
-use crate::value::place::{PlaceMap, PlaceMetric, PlaceOptions, Pose};
+use crate::value::place::{MotionNoise, PlaceMap, PlaceMetric, Pose};
 use crate::value::{
     Fit, Instances, Local, LocalOptions, LocalOutcomes, Lspi, LspiOptions, MapStep, MetricMap, Outcomes, Samples,
     ValueError, balance, greedy,
@@ -33,9 +32,6 @@ use crate::vision::Observation;
 /// Observations that are projected in one product: their products and kernel values take `12 · 512 · m` bytes, and what a device is at
 /// twice as much again.
 const PROJECT_AT_ONCE: usize = 512;
-
-/// Standard deviation of the heading that an action of a robot leads to, radians; that of games is exact.
-const VEERS: f64 = 0.04;
 
 /// Values of all tasks from the window.
 pub struct FitPolicies {
@@ -292,18 +288,6 @@ fn column(matrix: &Mat<f32>, j: usize) -> Vec<f32> {
     matrix.col(j).iter().copied().collect()
 }
 
-/// Headings of a grid on which all turns are whole numbers of headings, as far as that is possible. Robots do not turn exactly, as
-/// games do: where they have turned by half a heading in all, they are to be found between two.
-fn headings(robot: &Robot) -> usize {
-    let turns = || robot.actions.iter().map(|action| robot.actions.motion(action).angle / TAU);
-    let fits = |headings: &usize| {
-        turns().all(|turn| (turn * *headings as f64 - (turn * *headings as f64).round()).abs() < 1e-6)
-    };
-    let fineness = if robot.body == Body::Program { 1 } else { 2 };
-    let headings = (4..=64 / fineness).find(fits).filter(|_| turns().any(|turn| turn != 0.0));
-    fineness * headings.unwrap_or(PlaceOptions::default().headings)
-}
-
 fn local_options(scenario: &Scenario) -> LocalOptions {
     LocalOptions { neighbours: scenario.value.neighbours, ridge: scenario.value.local_ridge }
 }
@@ -504,9 +488,8 @@ impl Projection {
         poses: &mut BTreeMap<u64, Pose>,
     ) -> Result<Option<PlaceMap>, ValueError> {
         let before: Vec<Option<Pose>> = self.place.keys().map(|frame| poses.get(frame).copied()).collect();
-        let veers = if robot.body == Body::Program { 0.0 } else { VEERS };
-        let options = PlaceOptions { headings: headings(robot), veers, ..PlaceOptions::default() };
-        let map = PlaceMap::new(points.clone(), &self.steps(&robot.actions, window), &before, options)?;
+        let noise = if robot.body == Body::Program { MotionNoise::PLAYER } else { MotionNoise::ROBOT };
+        let map = PlaceMap::new(points.clone(), &self.steps(&robot.actions, window), &before, noise)?;
         let is_told = |map: &PlaceMap| 2 * map.poses().iter().flatten().count() > map.poses().len();
         let map = map.filter(is_told);
         if let Some(map) = &map {

@@ -1,117 +1,148 @@
-//! A probability of every pose.
+//! Where the robot may be.
 
-use super::grid::{Grid, Motion, Pose};
-use crate::value::ValueError;
+use std::collections::BTreeMap;
+use std::f64::consts::{PI, TAU};
+
+use rand::{Rng, RngExt};
+
+use super::{MotionNoise, Pose, turned};
 use crate::value::error::parameter;
+use crate::value::{MapStep, ValueError};
 
-/// Headings and size of a grid; cells and the bits of their probabilities; bits of how much was expected.
-pub type BeliefParts = ((usize, usize), Vec<(usize, u64)>, u64);
+/// Particles of a belief, behind the first images.
+pub(super) const PARTICLES: usize = 500;
+/// Poses belong together that are in the same square of so many moves and the same of so many sectors, and all that are no further from
+/// the mean of these than so many moves and radians.
+const SQUARE: f64 = 2.0;
+const SECTORS: f64 = 8.0;
+const NEAR: (f64, f64) = (2.5, 0.5);
+/// Share of the newest image in how much was expected.
+const NEWEST: f64 = 0.05;
 
-/// Poses less probable than this share of the most probable one are given up.
-const LEAST: f64 = 1e-5;
+/// Particles, each a pose (x, y, heading) and its probability; how much was expected; draws so far; fractions bit by bit.
+pub type BeliefParts = (Vec<[u64; 4]>, u64, u64);
 
-/// How probable each pose is: those that are not given up. They sum to 1.
-#[derive(Debug, Clone, PartialEq)]
+/// Poses where the robot may be, each with its probability, which sum to 1. None of them: nothing is known yet.
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Belief {
-    pub(super) grid: Grid,
-    /// Cells and their probabilities.
-    pub(super) cells: Vec<(usize, f64)>,
+    pub(super) particles: Vec<(Pose, f64)>,
     /// Running mean of how much better than by chance what was seen had been expected, as a logarithm.
     pub(super) expected: f64,
+    /// How often random numbers were drawn for it.
+    pub(super) draws: u64,
 }
 
 impl Belief {
-    /// As probable everywhere.
-    pub(super) fn even(grid: Grid, cells: impl Iterator<Item = usize>) -> Self {
-        let mut cells: Vec<(usize, f64)> = cells.map(|cell| (cell, 1.0)).collect();
-        let share = 1.0 / cells.len().max(1) as f64;
-        cells.iter_mut().for_each(|of| of.1 = share);
-        Belief { grid, cells, expected: 0.0 }
-    }
-
     /// Where the robot may be: the most probable pose with all around it, then that of the others, and so on, at most `count`
     /// of them until they make up `share`; and how probable each is.
     pub fn modes(&self, count: usize, share: f64) -> Vec<(Pose, f64)> {
-        let (mut left, mut modes, mut told) = (self.clone(), Vec::new(), 0.0);
-        while modes.len() < count && told < share && !left.cells.is_empty() {
-            let mode = left.mode();
-            left.cells.retain(|&(cell, _)| !left.grid.is_near(cell, mode.cell));
-            told += mode.around;
-            modes.push((mode.pose, mode.around));
+        let (mut left, mut modes, mut told) = (self.particles.clone(), Vec::new(), 0.0);
+        while modes.len() < count && told < share && !left.is_empty() {
+            let (mode, around) = mode(&left);
+            left.retain(|of| !is_near(of.0, mode));
+            told += around;
+            modes.push((mode, around));
         }
         modes
     }
 
-    /// Headings and size of its grid, its cells and their probabilities, and how much was expected; fractions bit by bit.
+    /// Particles and the rest, bit by bit.
     pub fn to_parts(&self) -> BeliefParts {
-        let cells = self.cells.iter().map(|&(cell, probability)| (cell, probability.to_bits())).collect();
-        ((self.grid.headings, self.grid.size), cells, self.expected.to_bits())
+        let bits = |&(pose, probability): &(Pose, f64)| [pose.x, pose.y, pose.heading, probability].map(f64::to_bits);
+        (self.particles.iter().map(bits).collect(), self.expected.to_bits(), self.draws)
     }
 
     /// What these were the parts of.
     ///
     /// # Errors
-    /// A cell that is not on the grid, a probability that is none.
-    pub fn from_parts((grid, cells, expected): BeliefParts) -> Result<Self, ValueError> {
-        let grid = Grid { headings: grid.0, size: grid.1 };
-        let cells: Vec<(usize, f64)> = cells.into_iter().map(|(cell, bits)| (cell, f64::from_bits(bits))).collect();
-        for &(cell, probability) in &cells {
-            parameter("cell", cell as f64, cell < grid.cells(), "on the grid")?;
+    /// A pose that is not finite, a probability that is none.
+    pub fn from_parts((particles, expected, draws): BeliefParts) -> Result<Self, ValueError> {
+        let of = |bits: [u64; 4]| {
+            let [x, y, heading, probability] = bits.map(f64::from_bits);
+            let finite = [x, y, heading].iter().all(|number| number.is_finite());
+            parameter("pose", x + y + heading, finite, "finite")?;
             parameter("probability", probability, (0.0..=1.0 + 1e-9).contains(&probability), "0 to 1")?;
-        }
-        Ok(Belief { grid, cells, expected: f64::from_bits(expected) })
+            Ok((Pose { x, y, heading }, probability))
+        };
+        let particles = particles.into_iter().map(of).collect::<Result<_, ValueError>>()?;
+        Ok(Belief { particles, expected: f64::from_bits(expected), draws })
     }
 
-    /// One motion later. `at`: one zero for each cell; they are zeros again behind it.
-    pub(super) fn after(&self, motion: &Motion, at: &mut [f64]) -> Vec<(usize, f64)> {
-        let mut touched = Vec::with_capacity(2 * self.cells.len());
-        for &(cell, probability) in &self.cells {
-            for (to, share) in motion.from(cell) {
-                if at[to] == 0.0 {
-                    touched.push(to);
-                }
-                at[to] += probability * share;
-            }
-        }
-        touched.into_iter().map(|cell| (cell, std::mem::take(&mut at[cell]))).collect()
+    /// One step later.
+    pub(super) fn drive(&mut self, noise: MotionNoise, step: MapStep, unit: f64, rng: &mut impl Rng) {
+        self.particles.iter_mut().for_each(|of| of.0 = noise.after(of.0, step, unit, rng));
     }
 
-    /// Make these probabilities the belief, and say what they had summed to.
-    pub(super) fn settle(&mut self, mut cells: Vec<(usize, f64)>) -> f64 {
-        let sum = cells.iter().map(|of| of.1).sum::<f64>();
-        let most = cells.iter().fold(0.0f64, |most, of| most.max(of.1));
-        cells.retain(|of| of.1 > LEAST * most);
-        let kept = cells.iter().map(|of| of.1).sum::<f64>();
-        if kept > 0.0 {
-            cells.iter_mut().for_each(|of| of.1 /= kept);
+    /// Weigh all particles by how much more than by chance, a logarithm, such an image was seen there; how much that was expected.
+    pub(super) fn weigh(&mut self, mut log_ratio: impl FnMut(Pose) -> f64) -> f64 {
+        if self.particles.is_empty() {
+            return 0.0;
         }
-        self.cells = cells;
-        sum
+        self.particles.iter_mut().for_each(|of| of.1 *= log_ratio(of.0).exp());
+        let sum = self.particles.iter().map(|of| of.1).sum::<f64>();
+        self.particles.iter_mut().for_each(|of| of.1 /= sum);
+        let expected = sum.ln();
+        self.expected = (1.0 - NEWEST) * self.expected + NEWEST * expected;
+        expected
     }
 
-    /// The most probable pose, and what is around it.
-    pub(super) fn mode(&self) -> Mode {
-        let cell = self.cells.iter().fold((0, 0.0), |most, &of| if of.1 > most.1 { of } else { most }).0;
-        let (mut near, mut sums, mut around) = (0.0, [0.0; 2], 0.0);
-        for &(of, probability) in self.cells.iter().filter(|of| self.grid.is_near(of.0, cell)) {
-            around += probability;
-            let by = self.grid.away(of, cell);
-            if by.iter().all(|by| by.abs() <= 1) {
-                near += probability;
-                (0..2).for_each(|axis| sums[axis] += probability * by[axis] as f64);
-            }
+    /// Where few particles hold most of the probability, draw them anew; which ones these were.
+    pub(super) fn resample(&mut self, rng: &mut impl Rng) -> Option<Vec<u32>> {
+        let squares = self.particles.iter().map(|of| of.1 * of.1).sum::<f64>();
+        if self.particles.len() == PARTICLES && 2.0 / squares > PARTICLES as f64 {
+            return None;
         }
-        let pose = self.grid.pose(cell);
-        let between = |sum: f64| if near > 0.0 { sum / near } else { 0.0 };
-        Mode { cell, pose: Pose { x: pose.x + between(sums[0]), y: pose.y + between(sums[1]), ..pose }, around }
+        let drawn = draw(self.particles.iter().map(|of| of.1), PARTICLES, rng);
+        let share = 1.0 / PARTICLES as f64;
+        self.particles = drawn.iter().map(|&of| (self.particles[of as usize].0, share)).collect();
+        Some(drawn)
     }
 }
 
-/// A most probable pose.
-pub(super) struct Mode {
-    cell: usize,
-    /// Between the cells next to it.
-    pub pose: Pose,
-    /// Probability of all within two moves of it with its heading.
-    pub around: f64,
+/// Draw by weight, at even distances (systematic resampling).
+pub(super) fn draw(weights: impl ExactSizeIterator<Item = f64> + Clone, count: usize, rng: &mut impl Rng) -> Vec<u32> {
+    let (last, sum) = (weights.len().saturating_sub(1), weights.clone().sum::<f64>());
+    let first = rng.random_range(0.0..1.0);
+    let (mut drawn, mut until) = (Vec::with_capacity(count), 0.0);
+    for (place, weight) in weights.enumerate() {
+        until += weight / sum * count as f64;
+        while drawn.len() < count && (first + drawn.len() as f64) < until || place == last && drawn.len() < count {
+            drawn.push(place as u32);
+        }
+    }
+    drawn
+}
+
+fn is_near(a: Pose, b: Pose) -> bool {
+    (a.x - b.x).hypot(a.y - b.y) < NEAR.0 && turned(a.heading, b.heading) < NEAR.1
+}
+
+/// Mean of poses whose headings are next to one, and their probability.
+fn mean<'a>(of: impl Iterator<Item = &'a (Pose, f64)>, heading: f64) -> (Pose, f64) {
+    let mut sums = [0.0; 4];
+    for &(pose, weight) in of {
+        let turned = (pose.heading - heading + PI).rem_euclid(TAU) - PI;
+        sums.iter_mut().zip([1.0, pose.x, pose.y, turned]).for_each(|(sum, part)| *sum += weight * part);
+    }
+    let [weight, x, y, turned] = sums;
+    (Pose { x: x / weight, y: y / weight, heading: heading + turned / weight }, weight)
+}
+
+/// The mean of the poses of the most probable place, and how probable it is.
+pub(super) fn mode(particles: &[(Pose, f64)]) -> (Pose, f64) {
+    let square = |pose: Pose| {
+        let sector = (pose.heading / TAU * SECTORS).round().rem_euclid(SECTORS);
+        [pose.x / SQUARE, pose.y / SQUARE, sector].map(|at| at.round() as i64)
+    };
+    let mut squares: BTreeMap<[i64; 3], f64> = BTreeMap::new();
+    particles.iter().for_each(|of| *squares.entry(square(of.0)).or_default() += of.1);
+    let most = squares.iter().fold(None, |most: Option<(&[i64; 3], &f64)>, of| match most {
+        Some(most) if most.1 >= of.1 => Some(most),
+        _ => Some(of),
+    });
+    let Some((&most, _)) = most else { return (Pose::default(), 0.0) };
+    let sector = most[2] as f64 / SECTORS * TAU;
+    let middle = mean(particles.iter().filter(|of| square(of.0) == most), sector).0;
+    let near = mean(particles.iter().filter(|of| is_near(of.0, middle)), middle.heading);
+    if near.1 > 0.0 { near } else { (middle, 0.0) }
 }

@@ -1,31 +1,53 @@
 //! Where the robot is, by what it sees and how it moves: for worlds in which places look alike.
 //!
-//! One image does not tell two places that look alike from each other; the way to them does. A [`Belief`] is a probability of every
-//! pose on a grid. An action shifts it, blurred by what is not known of the motion; an image multiplies it by how much more
-//! such images were seen at a pose than elsewhere. What was seen where is told by the states of the past, which a [`PlaceMap`] has
-//! placed itself: no pose is ever measured.
+//! One image does not tell two places that look alike from each other; the way to them does. A [`Belief`] is a cloud of poses, each with
+//! a probability. An action moves all of them, each a little differently, as robots drive; an image multiplies each by how much more such
+//! images were seen there than elsewhere. What was seen where is told by the states of the past, which a [`PlaceMap`] has placed
+//! itself: no pose is ever measured.
 //!
 //! # How a map is found
-//! The longest way is laid out by its motions, or its first piece. Each other piece is then looked for on the map of all the others: the
-//! belief is carried along it forward and backward, and where it has settled, the piece is placed. The same again, some times over, brings
-//! pieces into line that were placed while the map was small. What nothing on the map looks like stays without a place. A map goes on
-//! from the places that another had found: then once is enough.
+//! The way is followed from its beginning, with a cloud of poses; what lies a few steps back is where most of them have come from, and
+//! belongs to the map from then on. So the map grows behind the robot, and closes when it comes back. A second sweep brings into line
+//! what was placed while the map was small. A way that begins anywhere is looked for on the map.
 //!
-//! Two rooms that are quite alike may be taken for one, above all where ways begin in either: with a single way in three of twelve
-//! worlds of the tests, and in the one run with eight rooms behind the equal doors of a corridor.
+//! A wrong turn early on bends a map for good, and by chance. So there are several tries, and the one that stays is the one in which
+//! what was seen was most expected. Later maps begin with the places of the one before, and have to beat new tries.
 //!
 //! # Units
 //! Positions are in lengths of a move, headings in radians, counter-clockwise. The map is right up to a rotation and a shift,
-//! which nothing can tell. Its grid is a torus: a world must be smaller than `size` moves across.
+//! which nothing can tell.
 //!
 //! # Reference
-//! Fox, Burgard & Thrun 1999 (Markov localization); Thrun, Burgard & Fox 1998 (maps by expectation maximization); Littman, Cassandra
-//! & Kaelbling 1995 (acting on such a belief: values averaged by it).
+//! Dellaert, Fox, Burgard & Thrun 1999 (Monte Carlo localization); Montemerlo, Thrun, Koller & Wegbreit 2002 (maps along particles);
+//! Littman, Cassandra & Kaelbling 1995 (acting on such a belief: values averaged by it).
 
 mod belief;
-mod grid;
+mod looks;
 mod map;
+mod metric;
+mod placing;
+#[cfg(test)]
+mod tests;
+
+use std::f64::consts::TAU;
 
 pub use belief::Belief;
-pub use grid::Pose;
-pub use map::{PlaceMap, PlaceMetric, PlaceOptions};
+pub use map::PlaceMap;
+pub use metric::{MotionNoise, PlaceMetric};
+
+/// A place and a direction. Units: lengths of a move, radians counter-clockwise.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Pose {
+    /// Along the first axis.
+    pub x: f64,
+    /// Along the second axis.
+    pub y: f64,
+    /// From the first axis to the second.
+    pub heading: f64,
+}
+
+/// The smaller angle between two headings.
+fn turned(a: f64, b: f64) -> f64 {
+    let by = (a - b).rem_euclid(TAU);
+    by.min(TAU - by)
+}

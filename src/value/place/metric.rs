@@ -1,0 +1,110 @@
+//! How near states are by what is seen and by where it is, and how inexactly robots move.
+
+use std::f64::consts::FRAC_PI_3;
+
+use rand::{Rng, RngExt};
+use rand_distr::{Distribution, StandardNormal};
+
+use super::Pose;
+use crate::value::error::parameter;
+use crate::value::{MapStep, ValueError};
+
+/// Lengths of a move that are as far as a width of likeness. Features tell places more finely than a map does, where they tell them at
+/// all: places count just as much as keeps those apart that look alike. With 0.9 the lab's quality falls from 0.93 to 0.77.
+const LOOK: f64 = 6.0;
+/// Lengths of a move that are as far as a turn by one radian.
+const TURN: f64 = 2.0;
+/// Coordinates of a pose in a point.
+pub(super) const OF_POSE: usize = 4;
+/// Share of a move that one which slides along a wall makes, and that one which a wall has stopped makes.
+const SLID: std::ops::Range<f64> = 0.2..1.2;
+const STOPPED: std::ops::Range<f64> = 0.0..1.0;
+/// Share of the moves that a wall has stopped at once: the robot stood before it already.
+const STANDS: f64 = 0.5;
+
+/// How inexactly actions are executed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MotionNoise {
+    /// Standard deviation of the length of a move, as a share of it, 0 to 1.
+    pub length: f64,
+    /// Standard deviation of the heading behind a step, radians, 0 to 1.
+    pub heading: f64,
+    /// Probability that a move slides along a wall, 0 to 1: it goes any part of its way, up to 60° aside. One that a wall has stopped
+    /// may then have slid as well.
+    pub slides: f64,
+}
+
+impl MotionNoise {
+    /// A robot whose actions are closed-loop motions.
+    pub const ROBOT: MotionNoise = MotionNoise { length: 0.06, heading: 0.025, slides: 0.0 };
+    /// A player in a game: it turns exactly and slides along walls.
+    pub const PLAYER: MotionNoise = MotionNoise { length: 0.12, heading: 0.0, slides: 0.4 };
+
+    pub(super) fn check(self) -> Result<(), ValueError> {
+        for (name, value) in [("length", self.length), ("heading", self.heading), ("slides", self.slides)] {
+            parameter(name, value, (0.0..=1.0).contains(&value), "0 to 1")?;
+        }
+        Ok(())
+    }
+
+    /// Where a step may have led; `unit`: length of a move.
+    pub(super) fn after(self, pose: Pose, step: MapStep, unit: f64, rng: &mut impl Rng) -> Pose {
+        let [heading_off, longer] = [(); 2].map(|()| -> f64 { StandardNormal.sample(rng) });
+        let heading = pose.heading + step.turn + self.heading * heading_off;
+        let (share, aside) = match step.distance {
+            Some(0.0) => (0.0, 0.0),
+            Some(_) if rng.random_range(0.0..1.0) < self.slides => {
+                (rng.random_range(SLID), rng.random_range(-FRAC_PI_3..FRAC_PI_3))
+            }
+            Some(_) => (1.0 + self.length * longer, 0.0),
+            None if rng.random_range(0.0..1.0) < STANDS => (0.0, 0.0),
+            None if self.slides > 0.0 => (0.5 * rng.random_range(STOPPED), rng.random_range(-FRAC_PI_3..FRAC_PI_3)),
+            None => (rng.random_range(STOPPED), 0.0),
+        };
+        let way = share * step.distance.map_or(1.0, |distance| distance / unit);
+        let (sin, cos) = (heading + aside).sin_cos();
+        Pose { x: pose.x + way * cos, y: pose.y + way * sin, heading }
+    }
+}
+
+/// How near states are by what is seen and by where it is, and how the robot moves.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PlaceMetric {
+    /// How inexactly.
+    pub noise: MotionNoise,
+    /// Length of a move, in the unit of the steps.
+    pub unit: f64,
+    /// Two states that are so far from each other look alike by e^(−½).
+    pub width: f64,
+}
+
+impl PlaceMetric {
+    /// Coordinates of features in points of so many.
+    pub fn features(coordinates: usize) -> usize {
+        coordinates.saturating_sub(OF_POSE)
+    }
+
+    /// A point, `p + 4` coordinates, for what is seen, `p`, at a pose: the nearer two of them, the nearer are the states in both.
+    pub fn point(self, seen: &[f32], pose: Pose) -> Vec<f32> {
+        let look = seen.iter().map(|&x| (LOOK * f64::from(x) / self.width) as f32);
+        let (sin, cos) = pose.heading.sin_cos();
+        look.chain([pose.x, pose.y, TURN * cos, TURN * sin].map(|x| x as f32)).collect()
+    }
+
+    /// Coordinate of a feature, of one in a point.
+    pub(super) fn seen(self, coordinate: f32) -> f32 {
+        (f64::from(coordinate) * self.width / LOOK) as f32
+    }
+
+    /// Everything of it, bit by bit.
+    pub fn to_bits(self) -> [u64; 5] {
+        let MotionNoise { length, heading, slides } = self.noise;
+        [length, heading, slides, self.unit, self.width].map(f64::to_bits)
+    }
+
+    /// What these were the bits of; a map checks it.
+    pub fn from_bits(bits: [u64; 5]) -> Self {
+        let [length, heading, slides, unit, width] = bits.map(f64::from_bits);
+        PlaceMetric { noise: MotionNoise { length, heading, slides }, unit, width }
+    }
+}

@@ -1,0 +1,168 @@
+//! Where the states of the past lie.
+
+use std::collections::VecDeque;
+use std::mem::take;
+use std::ops::Range;
+
+use rand::Rng;
+
+use super::Pose;
+use super::belief::{Belief, mode};
+use super::looks::{Cells, GROWS};
+use super::map::{BESIDE, PlaceMap};
+use crate::random::stream;
+use crate::value::MapStep;
+
+/// Tries from nothing: of the first map, and of each one behind it.
+const TRIES: [u64; 2] = [6, 2];
+/// A map from nothing must have expected what was seen by so much more than one that goes on, a logarithm for each state: who knows the
+/// one need not learn another.
+const BETTER: f64 = 0.02;
+/// How often all ways are followed in a try.
+const SWEEPS: usize = 3;
+/// A state belongs to the map when so many others came behind it; so many are placed in one go.
+const LAG: usize = 40;
+const AT_ONCE: usize = 10;
+/// A state has a place if particles lie there with this probability, and what was seen lately was expected by more than this (a
+/// logarithm).
+const SETTLED: f64 = 0.6;
+const EXPECTED: f64 = 0.0;
+/// A way that is shorter than this says too little.
+const SHORT: usize = 12;
+/// Particles of a robot whose place is known.
+const KNOWN: usize = 200;
+
+/// Place the states of a map that has none with a place, from those that are known from another.
+pub(super) fn place(map: &mut PlaceMap, steps: &[Option<MapStep>], before: &[Option<Pose>]) {
+    let ways = ways(steps);
+    let goes_on = before.iter().flatten().count() > KNOWN;
+    let mut best: Option<(f64, Vec<Option<Pose>>, Cells)> = None;
+    for number in u64::from(!goes_on)..=TRIES[usize::from(goes_on)] {
+        map.poses = if number == 0 { before.to_vec() } else { vec![None; before.len()] };
+        map.cells = Cells::of(&map.poses);
+        let mut expected = 0.0;
+        for sweep in 0..SWEEPS {
+            let mut rng = stream(before.len() as u64, &format!("places {number} {sweep}"));
+            expected = 0.0;
+            for way in ways.iter().filter(|way| way.len() >= SHORT) {
+                expected += Track::new(map, way.clone(), steps).run(&mut rng);
+            }
+        }
+        if number == 0 {
+            expected += BETTER * before.len() as f64;
+        }
+        if best.as_ref().is_none_or(|best| expected > best.0) {
+            best = Some((expected, take(&mut map.poses), take(&mut map.cells)));
+        }
+    }
+    if let Some(best) = best {
+        (_, map.poses, map.cells) = best;
+    }
+}
+
+/// A way that is followed.
+struct Track<'a> {
+    map: &'a mut PlaceMap,
+    way: Range<usize>,
+    steps: &'a [Option<MapStep>],
+    belief: Belief,
+    /// Particles of the last states, and of each one which of those of the state before it comes from.
+    trail: VecDeque<Vec<(Pose, u32)>>,
+    /// The first way of all, which tells where everything else lies.
+    is_first: bool,
+}
+
+impl<'a> Track<'a> {
+    fn new(map: &'a mut PlaceMap, way: Range<usize>, steps: &'a [Option<MapStep>]) -> Self {
+        let is_first = map.poses.iter().all(Option::is_none);
+        Track { map, way, steps, belief: Belief::default(), trail: VecDeque::new(), is_first }
+    }
+
+    /// Place its states; how much what was seen was expected in all, a logarithm.
+    fn run(mut self, rng: &mut impl Rng) -> f64 {
+        let mut sum = 0.0;
+        for state in self.way.clone() {
+            let seen: Vec<f32> = self.map.points.col(state).iter().copied().collect();
+            let without = state.saturating_sub(BESIDE)..state + BESIDE;
+            let mut goes_on = true;
+            if state > self.way.start {
+                let step = self.steps[state - 1].expect("a way has a step between any two states");
+                let metric = self.map.metric;
+                self.belief.drive(metric.noise, step, metric.unit, rng);
+                let (expected, on) = self.map.look(&mut self.belief, &seen, without, GROWS, rng);
+                (sum, goes_on) = (sum + expected, on);
+            } else {
+                self.begin(state, &seen, without, rng);
+            }
+            self.remember(goes_on);
+            if state + 1 == self.way.end {
+                self.settle(state, self.trail.len());
+            } else if self.trail.len() == LAG + AT_ONCE {
+                self.settle(state, AT_ONCE);
+            }
+            if let (Some(drawn), Some(last)) = (self.belief.resample(rng), self.trail.back_mut()) {
+                *last = drawn.iter().map(|&of| last[of as usize]).collect();
+            }
+        }
+        sum
+    }
+
+    fn begin(&mut self, state: usize, seen: &[f32], without: Range<usize>, rng: &mut impl Rng) {
+        // Where it lay is no more than a guess.
+        let known = if self.is_first { Some(Pose::default()) } else { self.map.poses[state] };
+        self.belief = self.map.anywhere(seen, without, rng);
+        let share = 1.0 / KNOWN as f64;
+        self.belief.particles.extend(known.into_iter().flat_map(|pose| [(pose, share); KNOWN]));
+        let sum = self.belief.particles.iter().map(|of| of.1).sum::<f64>();
+        self.belief.particles.iter_mut().for_each(|of| of.1 /= sum);
+    }
+
+    /// Where particles are; `goes_on`: they come from those before.
+    fn remember(&mut self, goes_on: bool) {
+        if !goes_on {
+            // What has led to nowhere tells nothing.
+            self.trail.iter_mut().for_each(Vec::clear);
+        }
+        let of = self.belief.particles.iter().zip(0..);
+        self.trail.push_back(of.map(|(of, place)| (of.0, place)).collect());
+    }
+
+    /// Place the first states of the trail, so many.
+    fn settle(&mut self, last: usize, count: usize) {
+        let first = last + 1 - self.trail.len();
+        let knows = self.is_first || self.belief.expected > EXPECTED;
+        let mut at: Vec<u32> = (0..self.belief.particles.len() as u32).collect();
+        for (place, particles) in self.trail.iter().enumerate().rev() {
+            if particles.is_empty() {
+                // They began behind it.
+                at.clear();
+            }
+            if place < count {
+                let weights = self.belief.particles.iter().map(|of| of.1);
+                let came_from: Vec<(Pose, f64)> =
+                    at.iter().zip(weights).map(|(&of, weight)| (particles[of as usize].0, weight)).collect();
+                let (pose, share) = mode(&came_from);
+                let pose = (knows && share > SETTLED).then_some(pose);
+                let state = first + place;
+                self.map.cells.place(state as u32, self.map.poses[state], pose);
+                self.map.poses[state] = pose;
+            }
+            at.iter_mut().for_each(|of| *of = particles[*of as usize].1);
+        }
+        self.trail.drain(..count);
+    }
+}
+
+/// Stretches of states with a step between any two of them.
+fn ways(steps: &[Option<MapStep>]) -> Vec<Range<usize>> {
+    let mut ways = Vec::new();
+    let mut start = 0;
+    for (state, step) in steps.iter().enumerate() {
+        if step.is_none() {
+            ways.push(start..state + 1);
+            start = state + 1;
+        }
+    }
+    ways.push(start..steps.len() + 1);
+    ways
+}

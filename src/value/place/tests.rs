@@ -1,0 +1,246 @@
+use std::f64::consts::{FRAC_PI_4, TAU};
+
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+
+use faer::Mat;
+
+use super::*;
+use crate::random::stream;
+use crate::value::{MapStep, ValueError};
+
+/// Rooms of 5 × 5 moves in a row, a door in the middle of each wall between them. What is seen tells the place in a room and the
+/// heading up to a quarter of a turn: all rooms look alike, but that one of them is red.
+struct Rooms {
+    count: usize,
+    red: usize,
+    rng: ChaCha8Rng,
+    at: Pose,
+}
+
+const NOISE: MotionNoise = MotionNoise { length: 0.06, heading: 0.0, slides: 0.0 };
+const ROOM: f64 = 5.0;
+const TURNS: [MapStep; 2] =
+    [MapStep { turn: FRAC_PI_4, distance: Some(0.0) }, MapStep { turn: -FRAC_PI_4, distance: Some(0.0) }];
+const MOVE: MapStep = MapStep { turn: 0.0, distance: Some(1.0) };
+const STOPPED: MapStep = MapStep { turn: 0.0, distance: None };
+
+impl Rooms {
+    fn new(count: usize, red: usize, seed: u64) -> Self {
+        let mut rooms = Rooms { count, red, rng: stream(seed, "rooms"), at: Pose { x: 0.0, y: 0.0, heading: 0.0 } };
+        rooms.begin();
+        rooms
+    }
+
+    fn begin(&mut self) {
+        let heading = FRAC_PI_4 * f64::from(self.rng.random_range(0..8u32));
+        let x = self.rng.random_range(0.3..self.count as f64 * ROOM - 0.3);
+        self.at = Pose { x, y: self.rng.random_range(0.3..ROOM - 0.3), heading };
+    }
+
+    fn step(&mut self) -> MapStep {
+        let draw = self.rng.random_range(0.0..1.0);
+        if draw < 0.4 {
+            let turn = TURNS[usize::from(draw < 0.2)];
+            self.at.heading += turn.turn;
+            return turn;
+        }
+        let (sin, cos) = self.at.heading.sin_cos();
+        let driven = 1.0 + 0.1 * self.rng.random_range(-1.0..1.0);
+        let to = Pose { x: self.at.x + driven * cos, y: self.at.y + driven * sin, ..self.at };
+        let room = |x: f64| (x / ROOM).floor();
+        let inside = (0.2..ROOM - 0.2).contains(&to.y) && (0.2..self.count as f64 * ROOM - 0.2).contains(&to.x);
+        let door = (to.y - ROOM / 2.0).abs() < 1.0;
+        if !inside || room(to.x) != room(self.at.x) && !door {
+            return STOPPED;
+        }
+        self.at = to;
+        MOVE
+    }
+
+    fn see(&mut self) -> [f32; 6] {
+        let Pose { x, y, heading } = self.at;
+        let red = if (x / ROOM) as usize == self.red { 3.0 } else { 0.0 };
+        let seen = [
+            x.rem_euclid(ROOM),
+            y,
+            (2.0 * heading).cos() * 2.0,
+            (2.0 * heading).sin() * 2.0,
+            red,
+            red * heading.cos() / 3.0,
+        ];
+        seen.map(|value| (value + 0.2 * self.rng.random_range(-1.0..1.0)) as f32)
+    }
+
+    /// States on a way, steps between them and true poses.
+    fn drive(&mut self, length: usize) -> (Mat<f32>, Vec<Option<MapStep>>, Vec<Pose>) {
+        let (mut seen, mut steps, mut poses) = (vec![self.see()], Vec::new(), vec![self.at]);
+        for _ in 1..length {
+            steps.push(Some(self.step()));
+            seen.push(self.see());
+            poses.push(self.at);
+        }
+        (Mat::from_fn(6, length, |i, j| seen[j][i]), steps, poses)
+    }
+}
+
+fn same(a: Pose, b: Pose, moves: f64) -> bool {
+    (a.x - b.x).hypot(a.y - b.y) < moves && turned(a.heading, b.heading) < 0.8
+}
+
+/// A map of a way through three rooms, with the true poses of its states.
+fn learned(rooms: &mut Rooms) -> (PlaceMap, Vec<Pose>) {
+    let (points, steps, truth) = rooms.drive(4000);
+    (PlaceMap::new(points, &steps, &vec![None; truth.len()], NOISE).unwrap().unwrap(), truth)
+}
+
+/// Where a pose of the map truly is: where the state was that is next to it.
+fn truly(map: &PlaceMap, truth: &[Pose], pose: Pose) -> Pose {
+    let placed = map.poses().iter().enumerate().filter_map(|(state, of)| Some((state, (*of)?)));
+    let apart = |of: Pose| (of.x - pose.x).hypot(of.y - pose.y) + turned(of.heading, pose.heading);
+    let nearest = placed.min_by(|a, b| apart(a.1).total_cmp(&apart(b.1))).unwrap();
+    truth[nearest.0]
+}
+
+#[test]
+fn places_that_look_alike_are_told_by_the_way_to_them() {
+    // Rooms that are quite alike may be taken for one: of these seeds in three. No setting was chosen by them.
+    let shares = (11..=22).map(|seed| {
+        let mut rooms = Rooms::new(3, 1, seed);
+        let (map, truth) = learned(&mut rooms);
+        let poses = map.poses();
+        let placed = poses.iter().flatten().count();
+        assert!(placed * 10 > truth.len() * 9, "seed {seed}: {placed} of {} have a place", truth.len());
+        // The states next to one, much earlier or later: by their places, and by their looks.
+        let (mut by_place, mut by_look) = ([0u32; 2], [0u32; 2]);
+        for a in (0..truth.len()).step_by(7).filter(|&a| poses[a].is_some()) {
+            let others = (0..truth.len()).filter(|&b| a.abs_diff(b) > 200 && poses[b].is_some());
+            let near = |b: usize| poses[a].zip(poses[b]).is_some_and(|(a, b)| same(a, b, 0.5));
+            let look = |b: usize| (map.points().col(a) - map.points().col(b)).squared_norm_l2();
+            let mut alike: Vec<usize> = others.clone().collect();
+            alike.sort_by(|&b, &c| look(b).total_cmp(&look(c)));
+            alike.truncate(8);
+            for (told, states) in [(&mut by_place, others.filter(|&b| near(b)).collect()), (&mut by_look, alike)] {
+                told[0] += states.iter().filter(|&&b| same(truth[a], truth[b], 1.5)).count() as u32;
+                told[1] += states.len() as u32;
+            }
+        }
+        [by_place, by_look].map(|[right, all]| f64::from(right) / f64::from(all))
+    });
+    let shares: Vec<[f64; 2]> = shares.collect();
+    let good = shares.iter().filter(|[by_place, _]| *by_place > 0.9).count();
+    assert!(good >= 8 && shares.iter().all(|[_, by_look]| *by_look < 0.7), "by place and by look: {shares:.2?}");
+}
+
+#[test]
+fn a_robot_finds_out_where_it_is_and_again_when_it_is_carried_away() {
+    let (mut knows, mut trials) = ([0; 2], [0; 2]);
+    for seed in 1..=4 {
+        let mut rooms = Rooms::new(3, 1, seed);
+        let (map, truth) = learned(&mut rooms);
+        for _ in 0..20 {
+            rooms.begin();
+            let mut belief = Belief::default();
+            map.follow(&mut belief, None, &rooms.see()).unwrap();
+            for carried in 0..2 {
+                let mut red = false;
+                for _ in 0..80 {
+                    let step = rooms.step();
+                    map.follow(&mut belief, Some(step), &rooms.see()).unwrap();
+                    red |= (rooms.at.x / ROOM) as usize == rooms.red;
+                }
+                // Where it has not come into the red room, it cannot know.
+                if red {
+                    trials[carried] += 1;
+                    let pose = belief.modes(1, 1.0)[0].0;
+                    knows[carried] += u32::from(same(truly(&map, &truth, pose), rooms.at, 1.5));
+                }
+                // Nobody tells it.
+                rooms.begin();
+            }
+        }
+    }
+    // Now and then it takes one of the two rooms that look alike for the other, and more often when it was carried away.
+    let enough = |carried: usize, share: f64| f64::from(knows[carried]) > share * f64::from(trials[carried]);
+    assert!(trials[0] > 30 && trials[1] > 30 && enough(0, 0.8) && enough(1, 0.6), "{knows:?} of {trials:?}");
+}
+
+#[test]
+fn a_map_goes_on_and_is_the_same_by_its_points() {
+    let mut rooms = Rooms::new(3, 1, 12);
+    let (points, steps, truth) = rooms.drive(4000);
+    let first = 2500;
+    let begin = points.as_ref().subcols(0, first).to_owned();
+    let map = PlaceMap::new(begin, &steps[..first - 1], &vec![None; first], NOISE).unwrap().unwrap();
+    let before: Vec<Option<Pose>> = map.poses().iter().copied().chain(vec![None; 4000 - first]).collect();
+    let later = PlaceMap::new(points, &steps, &before, NOISE).unwrap().unwrap();
+    let placed = later.poses().iter().flatten().count();
+    // What may lie in either of two rooms has no place.
+    assert!(placed > 3400, "{placed}");
+    // States of the map before stay where they were, up to what a further look at them says.
+    let stayed = map.poses().iter().zip(later.poses()).filter_map(|(a, b)| Some(same((*a)?, (*b)?, 1.5)));
+    let stayed: Vec<bool> = stayed.collect();
+    assert!(stayed.iter().filter(|&&stays| stays).count() * 10 > stayed.len() * 9);
+    // States behind it lie next to those before that are there in truth.
+    let near = |a: Pose, b: Pose| same(a, b, 0.5);
+    let pairs = (first + 200..4000).step_by(7).flat_map(|a| (0..first).step_by(3).map(move |b| (a, b)));
+    let alike = pairs.filter(|&(a, b)| later.poses()[a].zip(later.poses()[b]).is_some_and(|(a, b)| near(a, b)));
+    let right: Vec<bool> = alike.map(|(a, b)| same(truth[a], truth[b], 1.5)).collect();
+    assert!(right.len() > 1000 && right.iter().filter(|&&right| right).count() * 10 > right.len() * 9);
+
+    let metric = PlaceMetric::from_bits(later.metric().to_bits());
+    let known: Vec<usize> = (0..4000).filter(|&state| later.poses()[state].is_some()).collect();
+    let column = |state: usize| later.points().col(state).iter().copied().collect::<Vec<f32>>();
+    let of = |&state: &usize| metric.point(&column(state), later.poses()[state].unwrap());
+    let of: Vec<Vec<f32>> = known.iter().map(of).collect();
+    let of = Mat::from_fn(of[0].len(), of.len(), |i, j| of[j][i]);
+    let again = PlaceMap::of_points(of.as_ref(), metric).unwrap();
+    let mut beliefs = [Belief::default(), Belief::default()];
+    for step in 0..60 {
+        let (step, seen) = ((step > 0).then(|| rooms.step()), rooms.see());
+        later.follow(&mut beliefs[0], step, &seen).unwrap();
+        again.follow(&mut beliefs[1], step, &seen).unwrap();
+        beliefs[1] = Belief::from_parts(beliefs[1].to_parts()).unwrap();
+    }
+    let [a, b] = beliefs.map(|belief| belief.modes(1, 1.0)[0].0);
+    assert!(same(a, b, 0.3), "{a:?} and {b:?}");
+    let none = PlaceMetric { unit: 0.0, ..metric };
+    assert!(PlaceMap::of_points(of.as_ref(), none).is_err());
+    assert!(PlaceMap::of_points(of.as_ref().subrows(0, 4), metric).is_err());
+    assert!(Belief::from_parts((vec![[0, 0, f64::NAN.to_bits(), 0]], 0, 0)).is_err());
+}
+
+#[test]
+fn what_does_not_fit_is_refused() {
+    let points = || Mat::from_fn(1, 4, |_, j| j as f32);
+    let new = |steps: &[Option<MapStep>], before: &[Option<Pose>], noise| {
+        PlaceMap::new(points(), steps, before, noise).map(|map| map.is_some())
+    };
+    let steps = [Some(MOVE), None, Some(TURNS[0])];
+    assert_eq!(new(&steps, &[None; 4], NOISE), Ok(true));
+    assert_eq!(new(&[None; 3], &[None; 4], NOISE), Ok(false));
+    assert_eq!(new(&[Some(TURNS[0]); 3], &[None; 4], NOISE), Ok(false));
+    assert!(new(&steps[1..], &[None; 4], NOISE).is_err() && new(&steps, &[None; 3], NOISE).is_err());
+    assert!(new(&steps, &[None; 4], MotionNoise { length: -0.1, ..NOISE }).is_err());
+    assert!(new(&steps, &[None; 4], MotionNoise { heading: f64::NAN, ..NOISE }).is_err());
+    assert!(new(&steps, &[None; 4], MotionNoise { slides: 1.1, ..NOISE }).is_err());
+    let odd = MapStep { turn: f64::NAN, distance: None };
+    assert!(new(&[Some(odd); 3], &[None; 4], NOISE).is_err());
+    let points = Mat::from_fn(1, 4, |_, j| if j == 2 { f32::NAN } else { 0.0 });
+    let found = PlaceMap::new(points, &steps, &[None; 4], NOISE);
+    assert!(matches!(found, Err(ValueError::Input { place: 2, .. })));
+    let away = Pose { x: f64::INFINITY, y: 0.0, heading: 0.0 };
+    assert!(new(&steps, &[Some(away), None, None, None], NOISE).is_err());
+    // What never changes says nothing; where it mostly stays, what changes does.
+    let alike = |until: usize| Mat::from_fn(1, 4, |_, j| f32::from(j >= until));
+    assert!(PlaceMap::new(alike(9), &[Some(MOVE); 3], &[None; 4], NOISE).unwrap().is_none());
+    let map = PlaceMap::new(alike(3), &[Some(MOVE); 3], &[None; 4], NOISE).unwrap().unwrap();
+    let mut belief = Belief::default();
+    assert!(map.follow(&mut belief, None, &[0.0, 0.0]).is_err() && map.follow(&mut belief, None, &[f32::NAN]).is_err());
+    assert!(map.follow(&mut belief, Some(odd), &[0.0]).is_err() && map.follow(&mut belief, None, &[0.0]).is_ok());
+    // Images like none that was seen, however far.
+    for far in [1e3, 1e30, f32::MAX] {
+        assert!(map.follow(&mut belief, Some(MOVE), &[far]).is_ok());
+        assert!(belief.modes(3, 1.0).iter().all(|of| of.1 > 0.0 && of.1 < 1.001), "{far}: {belief:?}");
+    }
+}
