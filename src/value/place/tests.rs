@@ -1,4 +1,4 @@
-use std::f64::consts::{FRAC_PI_4, TAU};
+use std::f64::consts::FRAC_PI_4;
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
