@@ -1,17 +1,11 @@
 //! How much one image looks like what was seen at each place.
 
 use std::collections::HashMap;
-use std::f64::consts::TAU;
-use std::hash::{BuildHasherDefault, Hasher};
 use std::ops::Range;
 
-use super::{PlaceMap, Pose};
+use super::Pose;
+use super::states::{ByCell, Cell, HEADINGS, PlaceMap, SIDE, cell};
 
-/// Cells: so many moves along each axis, and so many headings.
-const SIDE: f64 = 0.6;
-const HEADINGS: i32 = 24;
-/// States of a cell that are asked.
-const MOST: usize = 8;
 /// Standard deviation of where states count, moves; weight of those one heading further.
 const NEARBY: f64 = 0.6;
 const TURNED: f64 = 0.5;
@@ -26,66 +20,6 @@ pub(super) const GROWS: f64 = 0.3;
 pub(super) const KNOWN: f64 = -1.0;
 /// What was seen at a pose says this much about it at most, as logarithms.
 const TRUSTED: Range<f64> = -4.0..4.0;
-
-/// Square of the floor and heading.
-type Cell = (i32, i32, i32);
-type ByCell<T> = HashMap<Cell, T, BuildHasherDefault<Mix>>;
-
-/// Cells are looked up thousands of times for each image, and nobody chooses them to collide: three multiplications are enough.
-#[derive(Debug, Clone, Default)]
-struct Mix(u64);
-
-impl Hasher for Mix {
-    fn write(&mut self, bytes: &[u8]) {
-        bytes.iter().for_each(|&byte| self.write_i32(i32::from(byte)));
-    }
-
-    fn write_i32(&mut self, number: i32) {
-        self.0 = (self.0.rotate_left(23) ^ u64::from(number.cast_unsigned())).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-    }
-
-    fn finish(&self) -> u64 {
-        self.0 ^ self.0 >> 32
-    }
-}
-
-fn cell(pose: Pose) -> Cell {
-    let square = |at: f64| (at / SIDE).round() as i32;
-    let heading = (pose.heading / TAU * f64::from(HEADINGS)).round() as i64;
-    (square(pose.x), square(pose.y), heading.rem_euclid(i64::from(HEADINGS)) as i32)
-}
-
-/// States by the cells that they lie in.
-#[derive(Debug, Clone, Default)]
-pub(super) struct Cells(ByCell<Vec<u32>>);
-
-impl Cells {
-    /// All that have poses, evenly thinned where they are many.
-    pub fn of(poses: &[Option<Pose>]) -> Self {
-        let mut cells = Cells::default();
-        for (state, pose) in poses.iter().enumerate().filter_map(|(state, pose)| Some((state, (*pose)?))) {
-            cells.0.entry(cell(pose)).or_default().push(state as u32);
-        }
-        for states in cells.0.values_mut().filter(|states| states.len() > MOST) {
-            *states = (0..MOST).map(|k| states[k * states.len() / MOST]).collect();
-        }
-        cells
-    }
-
-    /// A state has another pose now; of a full cell, the state that came first is left out.
-    pub fn place(&mut self, state: u32, from: Option<Pose>, to: Option<Pose>) {
-        if let Some(states) = from.and_then(|from| self.0.get_mut(&cell(from))) {
-            states.retain(|&of| of != state);
-        }
-        if let Some(to) = to {
-            let states = self.0.entry(cell(to)).or_default();
-            if states.len() == MOST {
-                states.remove(0);
-            }
-            states.push(state);
-        }
-    }
-}
 
 /// One image before a map.
 pub(super) struct Looks<'a> {

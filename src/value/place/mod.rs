@@ -26,14 +26,15 @@ mod looks;
 mod map;
 mod metric;
 mod placing;
+mod states;
 #[cfg(test)]
 mod tests;
 
 use std::f64::consts::TAU;
 
 pub use belief::Belief;
-pub use map::PlaceMap;
 pub use metric::{MotionNoise, PlaceMetric};
+pub use states::PlaceMap;
 
 /// A place and a direction. Units: lengths of a move, radians counter-clockwise.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]

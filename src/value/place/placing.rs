@@ -4,14 +4,20 @@ use std::collections::VecDeque;
 use std::mem::take;
 use std::ops::Range;
 
+use faer::Mat;
 use rand::Rng;
 
 use super::Pose;
 use super::belief::{Belief, mode};
-use super::looks::{Cells, GROWS};
-use super::map::{BESIDE, PlaceMap};
+use super::looks::GROWS;
+use super::map::check;
+use super::metric::{MotionNoise, PlaceMetric};
+use super::states::{BESIDE, Cells, PlaceMap, width};
 use crate::random::stream;
 use crate::value::MapStep;
+use crate::value::ValueError;
+use crate::value::error::parameter;
+use crate::value::local::finite_points;
 
 /// Tries from nothing: of the first map, and of each one behind it.
 const TRIES: [u64; 2] = [6, 2];
@@ -32,8 +38,46 @@ const SHORT: usize = 12;
 /// Particles of a robot whose place is known.
 const KNOWN: usize = 200;
 
+impl PlaceMap {
+    /// Place states in the order in which they were met. `None` where there is nothing to begin with: no two states that differ,
+    /// or no moves.
+    ///
+    /// # Shapes
+    /// `points: p × n`, as near as they look alike, such as slow features; `steps`: `n − 1`, between each state and the next one,
+    /// `None` where something else happened; `before`: `n` poses of an earlier map, `None` where there is none.
+    ///
+    /// # Errors
+    /// Shapes that do not fit, values that are not finite, noise outside its ranges.
+    pub fn new(
+        points: Mat<f32>,
+        steps: &[Option<MapStep>],
+        before: &[Option<Pose>],
+        noise: MotionNoise,
+    ) -> Result<Option<Self>, ValueError> {
+        let n = points.ncols();
+        let length = |what, found, expected| {
+            if found == expected { Ok(()) } else { Err(ValueError::Length { what, found, expected }) }
+        };
+        length("the steps", steps.len(), n.saturating_sub(1))?;
+        length("the poses before", before.len(), n)?;
+        noise.check()?;
+        steps.iter().flatten().try_for_each(|&step| check(step))?;
+        finite_points("points", points.as_ref())?;
+        for pose in before.iter().flatten() {
+            let numbers = [("x", pose.x), ("y", pose.y), ("heading", pose.heading)];
+            numbers.into_iter().try_for_each(|(name, value)| parameter(name, value, value.is_finite(), "finite"))?;
+        }
+        let moves: Vec<f64> = steps.iter().flatten().filter_map(|step| step.distance.filter(|d| *d != 0.0)).collect();
+        let Some(width) = width(points.as_ref()).filter(|_| !moves.is_empty()) else { return Ok(None) };
+        let unit = moves.iter().map(|distance| distance.abs()).sum::<f64>() / moves.len() as f64;
+        let mut map = PlaceMap::begin(points, vec![None; n], PlaceMetric { noise, unit, width });
+        place(&mut map, steps, before);
+        Ok(Some(map))
+    }
+}
+
 /// Place the states of a map that has none with a place, from those that are known from another.
-pub(super) fn place(map: &mut PlaceMap, steps: &[Option<MapStep>], before: &[Option<Pose>]) {
+fn place(map: &mut PlaceMap, steps: &[Option<MapStep>], before: &[Option<Pose>]) {
     let ways = ways(steps);
     let goes_on = before.iter().flatten().count() > KNOWN;
     let mut best: Option<(f64, Vec<Option<Pose>>, Cells)> = None;

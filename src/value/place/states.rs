@@ -1,0 +1,172 @@
+//! States of the past, and what is seen by chance.
+
+use std::collections::HashMap;
+use std::f64::consts::TAU;
+use std::hash::{BuildHasherDefault, Hasher};
+use std::ops::Range;
+
+use faer::{Mat, MatRef};
+
+use super::{PlaceMetric, Pose};
+
+/// Width of likeness: so many times as far as states are from the third of those that are most like them and were not met beside them.
+const WIDTH: f64 = 1.3;
+const THIRD: usize = 2;
+pub(super) const BESIDE: usize = 60;
+/// An image that is less like what was seen at a pose than this share of what like images have in common is no match.
+const ALIKE: f64 = 0.02;
+/// However rare an image is, it is seen by chance with this likeness.
+pub(super) const LEAST_CHANCE: f64 = 1e-6;
+/// Images that count as alike: so many of all that are most like one.
+const LIKE: usize = 8;
+/// States that tell how often such an image is seen by chance.
+const ASKED: usize = 256;
+/// Cells: so many moves along each axis, and so many headings.
+pub(super) const SIDE: f64 = 0.6;
+pub(super) const HEADINGS: i32 = 24;
+/// States of a cell that are asked.
+const MOST: usize = 8;
+
+/// States of the past, where they are known to lie.
+#[derive(Debug, Clone)]
+pub struct PlaceMap {
+    pub(super) metric: PlaceMetric,
+    /// `p × n`.
+    pub(super) points: Mat<f32>,
+    pub(super) poses: Vec<Option<Pose>>,
+    pub(super) cells: Cells,
+    /// Images are at least so much alike by chance.
+    by_chance: f64,
+}
+
+impl PlaceMap {
+    pub(super) fn begin(points: Mat<f32>, poses: Vec<Option<Pose>>, metric: PlaceMetric) -> Self {
+        let cells = Cells::of(&poses);
+        let mut map = PlaceMap { metric, points, poses, cells, by_chance: 0.0 };
+        map.by_chance = (ALIKE * map.likeness_of_like()).max(LEAST_CHANCE);
+        map
+    }
+
+    /// How near its states are.
+    pub fn metric(&self) -> PlaceMetric {
+        self.metric
+    }
+
+    /// Where states lie, `n`; `None`: not known.
+    pub fn poses(&self) -> &[Option<Pose>] {
+        &self.poses
+    }
+
+    /// The states, `p × n`.
+    pub fn points(&self) -> MatRef<'_, f32> {
+        self.points.as_ref()
+    }
+
+    /// How alike such an image is by chance.
+    pub(super) fn chance(&self, seen: &[f32], without: &Range<usize>) -> f64 {
+        let of = asked(self.points.ncols()).filter(|state| !without.contains(state));
+        let (sum, count) =
+            of.fold((0.0, 0), |(sum, count), state| (sum + self.likeness(state as u32, seen), count + 1));
+        (sum / f64::from(count.max(1))).max(self.by_chance)
+    }
+
+    pub(super) fn likeness(&self, state: u32, seen: &[f32]) -> f64 {
+        // Columns of a matrix of our own lie in one piece.
+        let Some(of) = self.points.col(state as usize).try_as_col_major() else { return 0.0 };
+        let squared: f32 = of.as_slice().iter().zip(seen).map(|(&a, &b)| (a - b) * (a - b)).sum();
+        (-0.5 * f64::from(squared) / (self.metric.width * self.metric.width)).exp()
+    }
+
+    /// How alike images are that are most alike.
+    fn likeness_of_like(&self) -> f64 {
+        let n = self.points.ncols();
+        let of = |state: usize| {
+            let seen: Vec<f32> = self.points.col(state).iter().copied().collect();
+            let mut alike: Vec<f64> = (0..n as u32).map(|other| self.likeness(other, &seen)).collect();
+            let place = LIKE.min(n - 1);
+            *alike.select_nth_unstable_by(place, |a, b| b.total_cmp(a)).1
+        };
+        asked(n).map(of).sum::<f64>() / ASKED.min(n) as f64
+    }
+}
+
+/// Square of the floor and heading.
+pub(super) type Cell = (i32, i32, i32);
+pub(super) type ByCell<T> = HashMap<Cell, T, BuildHasherDefault<Mix>>;
+
+/// Cells are looked up thousands of times for each image, and nobody chooses them to collide: three multiplications are enough.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Mix(u64);
+
+impl Hasher for Mix {
+    fn write(&mut self, bytes: &[u8]) {
+        bytes.iter().for_each(|&byte| self.write_i32(i32::from(byte)));
+    }
+
+    fn write_i32(&mut self, number: i32) {
+        self.0 = (self.0.rotate_left(23) ^ u64::from(number.cast_unsigned())).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    }
+
+    fn finish(&self) -> u64 {
+        self.0 ^ self.0 >> 32
+    }
+}
+
+pub(super) fn cell(pose: Pose) -> Cell {
+    let square = |at: f64| (at / SIDE).round() as i32;
+    let heading = (pose.heading / TAU * f64::from(HEADINGS)).round() as i64;
+    (square(pose.x), square(pose.y), heading.rem_euclid(i64::from(HEADINGS)) as i32)
+}
+
+/// States by the cells that they lie in.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Cells(pub ByCell<Vec<u32>>);
+
+impl Cells {
+    /// All that have poses, evenly thinned where they are many.
+    pub fn of(poses: &[Option<Pose>]) -> Self {
+        let mut cells = Cells::default();
+        for (state, pose) in poses.iter().enumerate().filter_map(|(state, pose)| Some((state, (*pose)?))) {
+            cells.0.entry(cell(pose)).or_default().push(state as u32);
+        }
+        for states in cells.0.values_mut().filter(|states| states.len() > MOST) {
+            *states = (0..MOST).map(|k| states[k * states.len() / MOST]).collect();
+        }
+        cells
+    }
+
+    /// A state has another pose now; of a full cell, the state that came first is left out.
+    pub fn place(&mut self, state: u32, from: Option<Pose>, to: Option<Pose>) {
+        if let Some(states) = from.and_then(|from| self.0.get_mut(&cell(from))) {
+            states.retain(|&of| of != state);
+        }
+        if let Some(to) = to {
+            let states = self.0.entry(cell(to)).or_default();
+            if states.len() == MOST {
+                states.remove(0);
+            }
+            states.push(state);
+        }
+    }
+}
+
+fn asked(n: usize) -> impl Iterator<Item = usize> {
+    (0..ASKED.min(n)).map(move |k| k * n / ASKED.min(n))
+}
+
+/// Width of likeness; `None` where no states differ.
+pub(super) fn width(points: MatRef<'_, f32>) -> Option<f64> {
+    let n = points.ncols();
+    let third = |state: usize| {
+        let others = (0..n).filter(|&other| other.abs_diff(state) > BESIDE.min(n / 4));
+        let mut apart: Vec<f32> =
+            others.map(|other| (points.col(other) - points.col(state)).squared_norm_l2()).collect();
+        // Robots stand before a wall and see the same again and again.
+        apart.retain(|apart| *apart > 0.0 && apart.is_finite());
+        let third = THIRD.min(apart.len().saturating_sub(1));
+        (!apart.is_empty()).then(|| apart.select_nth_unstable_by(third, f32::total_cmp).1.sqrt())
+    };
+    let mut apart: Vec<f32> = asked(n).filter_map(third).collect();
+    let middle = apart.len() / 2;
+    (!apart.is_empty()).then(|| f64::from(*apart.select_nth_unstable_by(middle, f32::total_cmp).1) * WIDTH)
+}
