@@ -7,7 +7,7 @@
 //!
 //! # How a map is found
 //! The way is followed from its beginning, with a cloud of poses; what lies a few steps back is where most of them have come from, and
-//! belongs to the map from then on. So the map grows behind the robot, and closes when it comes back. A second sweep brings into line
+//! belongs to the map from then on. So the map grows behind the robot, and closes when it comes back. Further sweeps bring into line
 //! what was placed while the map was small. A way that begins anywhere is looked for on the map.
 //!
 //! A wrong turn early on bends a map for good, and by chance. So there are several tries, and the one that stays is the one in which
