@@ -36,5 +36,5 @@ def curve(loop, actions, trials, repeat=1):
 
 
 def most(actions, trials, longest):
-    """Actions of such a run at most, if a trial has at most `longest`; an episode's end takes one, too."""
-    return actions + 4 * trials * (longest + 1)
+    """Actions of such a run at most, if a trial has at most `longest`; an episode's end takes one more, and any may be an end."""
+    return 2 * actions + 4 * trials * (longest + 1)
