@@ -300,9 +300,11 @@ impl Evaluator {
         if course.task.goal.is_none() {
             return Vec::new();
         }
+        // Who goes on was told that it is not there.
+        let in_goal: Vec<Option<bool>> = (0..=task).map(|of| (of == task).then_some(false)).collect();
         let greedy = |situation: &Situation<'_>, belief: &mut Option<Belief>| {
             // These trials have a camera.
-            let state = situation.seen.map(|seen| learned.state_on_way(seen, belief, situation.step));
+            let state = situation.seen.map(|seen| learned.state_on_way(seen, belief, situation.step, &in_goal));
             if state.as_ref().is_some_and(|state| state.is_there(task)) {
                 return None;
             }

@@ -13,7 +13,7 @@ use super::region::{FloorMap, GoalRegion};
 use crate::robot::{Action, ActionSet, ActionValues, MOST_ACTIONS};
 use crate::scenario::hex;
 use crate::slow::SlowModel;
-use crate::value::place::{Belief, PlaceMap, PlaceMetric};
+use crate::value::place::{Belief, GoalPlaces, PlaceMap, PlaceMetric};
 use crate::value::{Instances, MapStep};
 use crate::vision::Observation;
 
@@ -246,6 +246,11 @@ impl Learned {
         Learned { goals, ..self }
     }
 
+    /// The same, where goals were found at these places of its map, by task.
+    pub fn with_goal_places(self, goals: Vec<GoalPlaces>) -> Self {
+        Learned { places: self.places.map(|map| map.with_goals(goals)), ..self }
+    }
+
     /// The same, with weights that were fitted as if nothing was to be avoided.
     pub fn with_heedless(self, heedless: Vec<Mat<f64>>) -> Self {
         Learned { heedless, ..self }
@@ -287,7 +292,9 @@ impl Learned {
                 Learned::local(epoch, asked_at, frames, model, instances.clone(), weights, places)
             }
         };
-        heedless.ok()?.for_goals(self.goals.clone()).with_regions(self.map.clone(), self.regions.clone()).ok()
+        let goal_places = self.places.as_ref().map_or(Vec::new(), |map| map.goals().to_vec());
+        let heedless = heedless.ok()?.for_goals(self.goals.clone()).with_goal_places(goal_places);
+        heedless.with_regions(self.map.clone(), self.regions.clone()).ok()
     }
 
     /// How many actions it has values for.
@@ -331,19 +338,21 @@ impl Learned {
     }
 
     /// The same on a way: `belief` is where the robot may be, `None` at its beginning and where nothing tells places; it goes on by
-    /// the step that led here, `None` where nothing is known of it, and by what is seen.
+    /// the step that led here, `None` where nothing is known of it, by what is seen, and by whether it is in the goals, see
+    /// [`PlaceMap::follow`].
     pub fn state_on_way<'a>(
         &'a self,
         observation: &'a Observation,
         belief: &'a mut Option<Belief>,
         step: Option<MapStep>,
+        in_goal: &[Option<bool>],
     ) -> State<'a> {
         let mut state = self.state(observation);
         if let (Some(map), Values::Local(points)) = (&self.places, &self.values) {
             let mut on = belief.take().unwrap_or_default();
             let seen: Vec<f32> = state.point(points).col(0).iter().copied().collect();
             // Of an observation that has no finite features, nothing is known.
-            *belief = map.follow(&mut on, step, &seen).is_ok().then_some(on);
+            *belief = map.follow(&mut on, step, &seen, in_goal).is_ok().then_some(on);
             state.belief = belief.as_ref();
         }
         state
@@ -411,7 +420,7 @@ impl Learned {
             Some(belief) => belief.modes(POSES, MOST),
             None => {
                 let mut anywhere = Belief::default();
-                let looked = map.follow(&mut anywhere, None, &seen);
+                let looked = map.follow(&mut anywhere, None, &seen, &[]);
                 looked.map_or(Vec::new(), |()| anywhere.modes(POSES, MOST))
             }
         };
@@ -489,7 +498,8 @@ impl Learned {
 
     fn places_digest_input(&self) -> Vec<u8> {
         let bits = self.places.iter().flat_map(|map| map.metric().to_bits());
-        bits.flat_map(u64::to_le_bytes).collect()
+        let goals = self.places.iter().flat_map(PlaceMap::goals).flat_map(|goal| bytes_of(goal.to_matrix().as_ref()));
+        bits.flat_map(u64::to_le_bytes).chain(goals).collect()
     }
 
     fn model_digest_input(&self) -> Vec<u8> {

@@ -22,7 +22,7 @@ use crate::robot::ActionSet;
 use crate::scenario::{Body, Method, Robot, Scenario, Task};
 use crate::slow::{SlowError, SlowModel};
 use crate::snapshot::{Persist, Snapshot, SnapshotError};
-use crate::value::place::{MotionNoise, PlaceMap, PlaceMetric, Pose};
+use crate::value::place::{GoalPlaces, MotionNoise, PlaceMap, PlaceMetric, Pose};
 use crate::value::{
     Fit, Instances, Local, LocalOptions, LocalOutcomes, Lspi, LspiOptions, MapStep, MetricMap, Outcomes, Samples,
     ValueError, balance, greedy,
@@ -85,8 +85,9 @@ impl FitPolicies {
                 }
                 Some(tried) => {
                     let fits = self.fit_locally(&projected, &tried, &shown).map_err(|error| error.to_string())?;
-                    let (weights, places) = (weights_of(&fits.0), tried.places);
-                    (Learned::local(epoch, asked_at, frames, model, tried.instances, weights, places), fits)
+                    let (weights, places, goals) = (weights_of(&fits.0), tried.places, tried.goals);
+                    let learned = Learned::local(epoch, asked_at, frames, model, tried.instances, weights, places);
+                    (learned.map(|learned| learned.with_goal_places(goals)), fits)
                 }
             };
             let (fits, heedless) = fits;
@@ -247,6 +248,8 @@ struct Tried<'a> {
     to: Mat<f32>,
     /// What the coordinates are, if they tell places as well.
     places: Option<PlaceMetric>,
+    /// Then, where goals were found, by task.
+    goals: Vec<GoalPlaces>,
 }
 
 impl<'a> Tried<'a> {
@@ -262,7 +265,7 @@ impl<'a> Tried<'a> {
         sorted.sort_by_key(|t| t.action);
         let actions = &scenario.robot.actions;
         let mut points = points(model, projected.phi.as_ref(), scenario.value.metric_features);
-        let mut places = None;
+        let (mut places, mut goals) = (None, Vec::new());
         if scenario.value.places
             && let Some(map) = projected.places(&points, &scenario.robot, window, poses)?
         {
@@ -272,6 +275,12 @@ impl<'a> Tried<'a> {
             let of: Vec<Vec<f32>> = (0..points.ncols()).map(of).collect();
             points = Mat::from_fn(of[0].len(), of.len(), |i, j| of[j][i]);
             places = Some(metric);
+            // Where goals are shown, what the camera sees decides whether this is one.
+            let came_to = |task: usize| {
+                let told = window.iter().filter(|_| !scenario.tasks[task].is_shown());
+                told.filter_map(|t| Some((*poses.get(&t.to.frame)?, t.result.in_goal[task]))).collect::<Vec<_>>()
+            };
+            goals = (0..scenario.tasks.len()).map(|task| GoalPlaces::new(came_to(task).into_iter())).collect();
         }
         let counts = actions.iter().map(|a| sorted.iter().filter(|t| t.action == a.index()).count()).collect();
         let at = |place: &dyn Fn(&TaskTransition) -> u64| {
@@ -280,7 +289,7 @@ impl<'a> Tried<'a> {
         };
         let instances = Arc::new(Instances::new(at(&|t| t.from.frame), counts, local_options(scenario))?);
         let to = at(&|t| t.to.frame);
-        Ok(Tried { sorted, instances, to, places })
+        Ok(Tried { sorted, instances, to, places, goals })
     }
 }
 

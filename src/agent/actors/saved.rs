@@ -12,7 +12,7 @@ use crate::policy::{FloorMap, GoalRegion, Learned, Recent};
 use crate::robot::{Action, MOST_ACTIONS};
 use crate::slow::{Link, SlowModel};
 use crate::snapshot::{Snapshot, SnapshotError};
-use crate::value::place::PlaceMetric;
+use crate::value::place::{GoalPlaces, PlaceMetric};
 use crate::value::{Instances, LocalOptions};
 use crate::vision::Observation;
 
@@ -48,6 +48,15 @@ pub fn learned(snapshot: &mut Snapshot, name: &str, learned: &mut Option<Arc<Lea
         places(snapshot, &mut instances)?;
         let mut metric = of.and_then(|of| of.places.as_ref()).map(|map| map.metric().to_bits());
         snapshot.value("place_metric", &mut metric)?;
+        let mut goal_places = of.and_then(|of| of.places.as_ref()).map_or(Vec::new(), |map| map.goals().to_vec());
+        let mut count = goal_places.len();
+        snapshot.value("goal_places", &mut count)?;
+        goal_places.resize_with(count, GoalPlaces::default);
+        for (task, of_task) in goal_places.iter_mut().enumerate() {
+            let mut matrix = of_task.to_matrix();
+            snapshot.matrix(&format!("goal_places.{task}"), &mut matrix, |rows, columns| (rows, columns))?;
+            *of_task = GoalPlaces::from_matrix(&matrix).map_err(|cause| wrong("goal_places", cause))?;
+        }
         let mut map = of.and_then(|of| of.map.clone());
         floor_map(snapshot, &mut map, instances.as_ref().filter(|_| metric.is_none()))?;
         let mut regions = of.map_or(Vec::new(), |of| of.regions.clone());
@@ -66,7 +75,7 @@ pub fn learned(snapshot: &mut Snapshot, name: &str, learned: &mut Option<Arc<Lea
                 ),
             };
             let goal = |bits: [u64; 2]| Some(bits.map(f64::from_bits)).filter(|goal| !goal[0].is_nan());
-            let restored = restored.map(|learned| learned.with_heedless(heedless));
+            let restored = restored.map(|learned| learned.with_heedless(heedless).with_goal_places(goal_places));
             let restored = restored.map(|learned| learned.for_goals(goals.into_iter().map(goal).collect()));
             let restored = restored.and_then(|learned| learned.with_regions(map, regions));
             *learned = Some(Arc::new(restored.map_err(|cause| wrong("learned", cause))?));

@@ -25,10 +25,12 @@ pub struct Way {
     percepts: VecDeque<Passed>,
 }
 
-/// What was seen, and the action that led there: whether something blocked it; `None` where nothing is known of it.
+/// What was seen, and the action that led there: whether something blocked it; `None` where nothing is known of it. Whether it was in
+/// the goals, by task.
 struct Passed {
     observation: Arc<Observation>,
     came_by: Option<(Action, bool)>,
+    in_goal: Vec<Option<bool>>,
 }
 
 impl Way {
@@ -46,23 +48,28 @@ impl Way {
     /// Find out where it is on the map of a new model: the last part of the way once more.
     pub fn find_again(&mut self, learned: &Learned) {
         self.belief = None;
-        for Passed { observation, came_by } in &self.percepts {
+        for Passed { observation, came_by, in_goal } in &self.percepts {
             let step = came_by.map(|(action, blocked)| step_of(&self.actions, action, blocked));
-            learned.state_on_way(observation, &mut self.belief, step);
+            learned.state_on_way(observation, &mut self.belief, step, in_goal);
         }
     }
 
     /// Come to a percept, and what a model makes of it.
     pub fn state<'a>(&'a mut self, learned: Option<&'a Learned>, percept: &'a Percept) -> Option<State<'a>> {
         let came_by = percept.action.map(|action| (action, percept.outcomes.blocked));
+        let in_goal: Vec<Option<bool>> = percept.outcomes.in_goal.iter().copied().map(Some).collect();
         if self.is_kept {
             if self.percepts.len() == LENGTH {
                 self.percepts.pop_front();
             }
-            self.percepts.push_back(Passed { observation: percept.observation.clone(), came_by });
+            self.percepts.push_back(Passed {
+                observation: percept.observation.clone(),
+                came_by,
+                in_goal: in_goal.clone(),
+            });
         }
         let step = came_by.map(|(action, blocked)| step_of(&self.actions, action, blocked));
-        learned.map(|learned| learned.state_on_way(&percept.observation, &mut self.belief, step))
+        learned.map(|learned| learned.state_on_way(&percept.observation, &mut self.belief, step, &in_goal))
     }
 
     /// The belief alone, which a model that is installed again would find another of.
@@ -79,16 +86,21 @@ impl Persist for Way {
         let mut seen = Observations::default();
         let passed = |of: &Passed| {
             let came_by = of.came_by.map(|(action, blocked)| (action.index(), blocked));
-            (seen.add(&of.observation), came_by)
+            (seen.add(&of.observation), came_by, of.in_goal.clone())
         };
-        let mut percepts: Vec<(u64, Option<(usize, bool)>)> = self.percepts.iter().map(passed).collect();
+        let mut percepts: Vec<(u64, Option<(usize, bool)>, Vec<Option<bool>>)> =
+            self.percepts.iter().map(passed).collect();
         snapshot.value("percepts", &mut percepts)?;
         seen.persist(snapshot, self.values)?;
         if snapshot.is_restoring() {
             self.percepts.clear();
-            for (frame, came_by) in percepts {
+            for (frame, came_by, in_goal) in percepts {
                 let came_by = came_by.map(|(number, blocked)| Ok((action_of(snapshot, number)?, blocked)));
-                self.percepts.push_back(Passed { observation: seen.get(frame)?, came_by: came_by.transpose()? });
+                self.percepts.push_back(Passed {
+                    observation: seen.get(frame)?,
+                    came_by: came_by.transpose()?,
+                    in_goal,
+                });
             }
         }
         Ok(())

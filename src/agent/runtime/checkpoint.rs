@@ -24,7 +24,7 @@ use crate::policy::{FloorMap, GoalRegion, Learned};
 use crate::scenario::{Scenario, ScenarioError, hex};
 use crate::slow::SlowModel;
 use crate::snapshot::{Matrix, Snapshot, Values};
-use crate::value::place::PlaceMetric;
+use crate::value::place::{GoalPlaces, PlaceMap, PlaceMetric};
 use crate::value::{Instances, LocalOptions};
 
 /// Name of the newest checkpoint in a run folder, and of the attachment in a log.
@@ -95,6 +95,13 @@ pub fn checkpoint_bytes(learned: &Learned, scenario: &Scenario) -> Result<Vec<u8
         let Some(region) = region else { continue };
         tensors.push(points(&format!("region.{task}.marks"), region.marks()));
         tensors.push(matrix(&format!("region.{task}.marked"), region.marked()));
+    }
+    for (task, goal) in learned.places.iter().flat_map(PlaceMap::goals).enumerate() {
+        let goal = goal.to_matrix();
+        // Of a goal that was never found there is nothing to write.
+        if goal.ncols() > 0 {
+            tensors.push(matrix(&format!("goal_places.{task}"), goal.as_ref()));
+        }
     }
     let metric = learned.places.as_ref().map(|map| map.metric().to_bits());
     let entries = BTreeMap::from([
@@ -271,7 +278,13 @@ pub fn read_checkpoint(bytes: &[u8], path: &Path) -> Result<(Learned, Scenario),
             Some(FloorMap::new(states, read_matrix("map.places")?.as_ref()).map_err(damaged)?)
         }
     };
-    let learned = learned.map_err(damaged)?.with_heedless(heedless).for_goals(goals);
+    let names = tensors.names();
+    let goal_places = |task: usize| match format!("goal_places.{task}") {
+        name if names.contains(&name.as_str()) => GoalPlaces::from_matrix(&read_matrix(&name)?).map_err(damaged),
+        _ => Ok(GoalPlaces::default()),
+    };
+    let goal_places = (0..scenario.tasks.len()).map(goal_places).collect::<Result<Vec<_>, _>>()?;
+    let learned = learned.map_err(damaged)?.with_heedless(heedless).for_goals(goals).with_goal_places(goal_places);
     let learned = learned.with_regions(map, regions).map_err(damaged)?;
     if learned.digest() != *entry("digest")? {
         return Err(damaged("its digest is not that of its content"));

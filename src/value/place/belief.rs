@@ -73,17 +73,20 @@ impl Belief {
         self.particles.iter_mut().for_each(|of| of.0 = noise.after(of.0, step, unit, rng));
     }
 
-    /// Weigh all particles by how much more than by chance, a logarithm, such an image was seen there; how much that was expected.
-    pub(super) fn weigh(&mut self, mut log_ratio: impl FnMut(Pose) -> f64) -> f64 {
+    /// Weigh all particles by how probable at each pose what was perceived is, a logarithm; how probable it was in all.
+    pub(super) fn weigh(&mut self, mut log_probability: impl FnMut(Pose) -> f64) -> f64 {
         if self.particles.is_empty() {
             return 0.0;
         }
-        self.particles.iter_mut().for_each(|of| of.1 *= log_ratio(of.0).exp());
+        self.particles.iter_mut().for_each(|of| of.1 *= log_probability(of.0).exp());
         let sum = self.particles.iter().map(|of| of.1).sum::<f64>();
         self.particles.iter_mut().for_each(|of| of.1 /= sum);
-        let expected = sum.ln();
+        sum.ln()
+    }
+
+    /// Take note of how much what was perceived at the newest state had been expected.
+    pub(super) fn expected(&mut self, expected: f64) {
         self.expected = (1.0 - NEWEST) * self.expected + NEWEST * expected;
-        expected
     }
 
     /// Where few particles hold most of the probability, draw them anew; which ones these were.

@@ -6,11 +6,11 @@ use faer::{Mat, MatRef};
 use rand::Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-use super::Pose;
 use super::belief::{Belief, draw};
 use super::looks::{self, Looks};
 use super::metric::{OF_POSE, PlaceMetric};
 use super::states::{LEAST_CHANCE, PlaceMap};
+use super::{GoalPlaces, Pose};
 use crate::random::stream;
 use crate::value::error::parameter;
 use crate::value::local::finite_points;
@@ -48,11 +48,17 @@ impl PlaceMap {
     }
 
     /// Go on with a belief: by the step that the robot has made, `None` where nothing is known of it, and by what it sees then,
-    /// `p` coordinates. A robot that has not expected what it sees for some time begins anew, anywhere.
+    /// `p` coordinates, and by whether it is in the goals, by task, `None` where nobody says it. A robot that has not expected what it sees for some time begins anew, anywhere.
     ///
     /// # Errors
     /// Another number of coordinates than the states have, values that are not finite.
-    pub fn follow(&self, belief: &mut Belief, step: Option<MapStep>, seen: &[f32]) -> Result<(), ValueError> {
+    pub fn follow(
+        &self,
+        belief: &mut Belief,
+        step: Option<MapStep>,
+        seen: &[f32],
+        in_goal: &[Option<bool>],
+    ) -> Result<(), ValueError> {
         if seen.len() != self.points.nrows() {
             let (what, found, expected) = ("what is seen", seen.len(), self.points.nrows());
             return Err(ValueError::Features { what, found, expected });
@@ -65,7 +71,10 @@ impl PlaceMap {
             None => *belief = Belief { draws: belief.draws, ..self.anywhere(seen, 0..0, &mut rng) },
             Some(step) => {
                 belief.drive(self.metric.noise, step, self.metric.unit, &mut rng);
-                self.look(belief, seen, 0..0, looks::KNOWN, &mut rng);
+                let told = self.goals.iter().zip(in_goal).filter_map(|(goal, told)| Some((goal, (*told)?)));
+                let told: Vec<(&GoalPlaces, bool)> = told.collect();
+                let told = belief.weigh(|pose| told.iter().map(|(goal, told)| goal.log_probability(pose, *told)).sum());
+                self.look(belief, seen, 0..0, (looks::KNOWN, told), &mut rng);
             }
         }
         belief.resample(&mut rng);
@@ -73,17 +82,18 @@ impl PlaceMap {
     }
 
     /// Weigh a belief by what is seen; where that was not expected for long, it begins anew. How much it was expected, and whether
-    /// it goes on.
+    /// it goes on. `told`: how much what else was perceived had been expected.
     pub(super) fn look(
         &self,
         belief: &mut Belief,
         seen: &[f32],
         without: Range<usize>,
-        unseen: f64,
+        (unseen, told): (f64, f64),
         rng: &mut impl Rng,
     ) -> (f64, bool) {
         let mut looks = Looks::new(self, seen, without.clone(), unseen);
         let expected = belief.weigh(|pose| looks.log_ratio(pose));
+        belief.expected(told + expected);
         let goes_on = belief.expected > LOST;
         if !goes_on {
             *belief = Belief { draws: belief.draws, ..self.anywhere(seen, without, rng) };

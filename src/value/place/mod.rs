@@ -22,6 +22,7 @@
 //! Littman, Cassandra & Kaelbling 1995 (acting on such a belief: values averaged by it).
 
 mod belief;
+mod goals;
 mod looks;
 mod map;
 mod metric;
@@ -33,6 +34,7 @@ mod tests;
 use std::f64::consts::TAU;
 
 pub use belief::Belief;
+pub use goals::GoalPlaces;
 pub use metric::{MotionNoise, PlaceMetric};
 pub use states::PlaceMap;
 

@@ -133,7 +133,7 @@ impl<'a> Track<'a> {
                 let step = self.steps[state - 1].expect("a way has a step between any two states");
                 let metric = self.map.metric;
                 self.belief.drive(metric.noise, step, metric.unit, rng);
-                let (expected, on) = self.map.look(&mut self.belief, &seen, without, GROWS, rng);
+                let (expected, on) = self.map.look(&mut self.belief, &seen, without, (GROWS, 0.0), rng);
                 (sum, goes_on) = (sum + expected, on);
             } else {
                 self.begin(state, &seen, without, rng);

@@ -7,7 +7,7 @@ use std::ops::Range;
 
 use faer::{Mat, MatRef};
 
-use super::{PlaceMetric, Pose};
+use super::{GoalPlaces, PlaceMetric, Pose};
 
 /// Width of likeness: so many times as far as states are from the third of those that are most like them and were not met beside them.
 const WIDTH: f64 = 1.3;
@@ -35,6 +35,8 @@ pub struct PlaceMap {
     pub(super) points: Mat<f32>,
     pub(super) poses: Vec<Option<Pose>>,
     pub(super) cells: Cells,
+    /// Where goals were found, by task.
+    pub(super) goals: Vec<GoalPlaces>,
     /// Images are at least so much alike by chance.
     by_chance: f64,
 }
@@ -42,9 +44,19 @@ pub struct PlaceMap {
 impl PlaceMap {
     pub(super) fn begin(points: Mat<f32>, poses: Vec<Option<Pose>>, metric: PlaceMetric) -> Self {
         let cells = Cells::of(&poses);
-        let mut map = PlaceMap { metric, points, poses, cells, by_chance: 0.0 };
+        let mut map = PlaceMap { metric, points, poses, cells, goals: Vec::new(), by_chance: 0.0 };
         map.by_chance = (ALIKE * map.likeness_of_like()).max(LEAST_CHANCE);
         map
+    }
+
+    /// The same, where goals were found at these places, by task.
+    pub fn with_goals(self, goals: Vec<GoalPlaces>) -> Self {
+        PlaceMap { goals, ..self }
+    }
+
+    /// Where goals were found, by task.
+    pub fn goals(&self) -> &[GoalPlaces] {
+        &self.goals
     }
 
     /// How near its states are.
@@ -112,10 +124,14 @@ impl Hasher for Mix {
     }
 }
 
+pub(super) fn square(pose: Pose) -> [i32; 2] {
+    [pose.x, pose.y].map(|at| (at / SIDE).round() as i32)
+}
+
 pub(super) fn cell(pose: Pose) -> Cell {
-    let square = |at: f64| (at / SIDE).round() as i32;
+    let [x, y] = square(pose);
     let heading = (pose.heading / TAU * f64::from(HEADINGS)).round() as i64;
-    (square(pose.x), square(pose.y), heading.rem_euclid(i64::from(HEADINGS)) as i32)
+    (x, y, heading.rem_euclid(i64::from(HEADINGS)) as i32)
 }
 
 /// States by the cells that they lie in.

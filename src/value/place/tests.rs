@@ -141,12 +141,12 @@ fn a_robot_finds_out_where_it_is_and_again_when_it_is_carried_away() {
         for _ in 0..20 {
             rooms.begin();
             let mut belief = Belief::default();
-            map.follow(&mut belief, None, &rooms.see()).unwrap();
+            map.follow(&mut belief, None, &rooms.see(), &[]).unwrap();
             for carried in 0..2 {
                 let mut red = false;
                 for _ in 0..80 {
                     let step = rooms.step();
-                    map.follow(&mut belief, Some(step), &rooms.see()).unwrap();
+                    map.follow(&mut belief, Some(step), &rooms.see(), &[]).unwrap();
                     red |= (rooms.at.x / ROOM) as usize == rooms.red;
                 }
                 // Where it has not come into the red room, it cannot know.
@@ -195,8 +195,8 @@ fn a_map_goes_on_and_is_the_same_by_its_points() {
     let mut beliefs = [Belief::default(), Belief::default()];
     for step in 0..60 {
         let (step, seen) = ((step > 0).then(|| rooms.step()), rooms.see());
-        later.follow(&mut beliefs[0], step, &seen).unwrap();
-        again.follow(&mut beliefs[1], step, &seen).unwrap();
+        later.follow(&mut beliefs[0], step, &seen, &[]).unwrap();
+        again.follow(&mut beliefs[1], step, &seen, &[]).unwrap();
         beliefs[1] = Belief::from_parts(beliefs[1].to_parts()).unwrap();
     }
     let [a, b] = beliefs.map(|belief| belief.modes(1, 1.0)[0].0);
@@ -205,6 +205,40 @@ fn a_map_goes_on_and_is_the_same_by_its_points() {
     assert!(PlaceMap::of_points(of.as_ref(), none).is_err());
     assert!(PlaceMap::of_points(of.as_ref().subrows(0, 4), metric).is_err());
     assert!(Belief::from_parts((vec![[0, 0, f64::NAN.to_bits(), 0]], 0, 0)).is_err());
+}
+
+#[test]
+fn that_no_goal_is_there_tells_rooms_apart_that_look_alike() {
+    let (mut knows, mut trials) = ([0; 2], 0);
+    for seed in 1..=3 {
+        let mut rooms = Rooms::new(2, 9, seed);
+        let (map, truth) = learned(&mut rooms);
+        // In the midst of the first room, and nowhere in the second.
+        let in_goal = |at: Pose| (at.x - ROOM / 2.0).hypot(at.y - ROOM / 2.0) < 1.0;
+        let came_to = map.poses().iter().zip(&truth).filter_map(|(of, &truly)| Some(((*of)?, in_goal(truly))));
+        let goal = GoalPlaces::new(came_to);
+        assert_eq!(GoalPlaces::from_matrix(&goal.to_matrix()), Ok(goal.clone()));
+        let map = map.with_goals(vec![GoalPlaces::default(), goal]);
+        for _ in 0..20 {
+            rooms.begin();
+            rooms.at = Pose { x: 1.5 * ROOM, y: ROOM / 2.0 - 1.5, heading: 2.0 * FRAC_PI_4 };
+            let mut beliefs = [Belief::default(), Belief::default()];
+            for step in 0..4 {
+                // Through the midst of the second room.
+                rooms.at.y += if step == 0 { 0.0 } else { 1.0 };
+                let (step, seen) = ((step > 0).then_some(MOVE), rooms.see());
+                map.follow(&mut beliefs[0], step, &seen, &[]).unwrap();
+                map.follow(&mut beliefs[1], step, &seen, &[None, Some(false)]).unwrap();
+            }
+            trials += 1;
+            for (knows, belief) in knows.iter_mut().zip(&beliefs) {
+                *knows += u32::from(same(truly(&map, &truth, belief.modes(1, 1.0)[0].0), rooms.at, 1.5));
+            }
+        }
+    }
+    assert!(knows[0] * 10 < trials * 8 && knows[1] * 10 > trials * 9, "without and with goals: {knows:?} of {trials}");
+    let odd = |rows: usize, share: f64| GoalPlaces::from_matrix(&Mat::from_fn(rows, 2, |_, _| share));
+    assert!(odd(2, 0.0).is_err() && odd(3, 1.0).is_err() && odd(3, 0.5).is_err() && odd(3, 0.0).is_ok());
 }
 
 #[test]
@@ -233,11 +267,16 @@ fn what_does_not_fit_is_refused() {
     assert!(PlaceMap::new(alike(9), &[Some(MOVE); 3], &[None; 4], NOISE).unwrap().is_none());
     let map = PlaceMap::new(alike(3), &[Some(MOVE); 3], &[None; 4], NOISE).unwrap().unwrap();
     let mut belief = Belief::default();
-    assert!(map.follow(&mut belief, None, &[0.0, 0.0]).is_err() && map.follow(&mut belief, None, &[f32::NAN]).is_err());
-    assert!(map.follow(&mut belief, Some(odd), &[0.0]).is_err() && map.follow(&mut belief, None, &[0.0]).is_ok());
+    assert!(
+        map.follow(&mut belief, None, &[0.0, 0.0], &[]).is_err()
+            && map.follow(&mut belief, None, &[f32::NAN], &[]).is_err()
+    );
+    assert!(
+        map.follow(&mut belief, Some(odd), &[0.0], &[]).is_err() && map.follow(&mut belief, None, &[0.0], &[]).is_ok()
+    );
     // Images like none that was seen, however far.
     for far in [1e3, 1e30, f32::MAX] {
-        assert!(map.follow(&mut belief, Some(MOVE), &[far]).is_ok());
+        assert!(map.follow(&mut belief, Some(MOVE), &[far], &[]).is_ok());
         assert!(belief.modes(3, 1.0).iter().all(|of| of.1 > 0.0 && of.1 < 1.001), "{far}: {belief:?}");
     }
 }
