@@ -419,7 +419,7 @@ impl Evaluator {
         trial.entries += avoid.iter().filter(begins_outside).filter(entered).count();
         trial.actions.push(action);
         trial.poses.push(pose);
-        trial.recent = trial.recent.then(action, blocked);
+        trial.recent = trial.recent.then(action, blocked, &self.scenario.robot.actions);
         trial.step = Some(step_of(&self.scenario.robot.actions, action, blocked));
         // Where the goal was shown, the agent has to say that it is there.
         trial.arrived = !task.is_shown() && in_goal(task, pose.position);

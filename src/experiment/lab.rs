@@ -136,7 +136,7 @@ impl Lab {
             let action = walk.choose(&sonar, reflexes, recent);
             let motion = robot.draw(action);
             let blocked = robot.drive(motion, &self.world.arena);
-            recent = recent.then(action, blocked);
+            recent = recent.then(action, blocked, &scenario.robot.actions);
             walked.poses.push(robot.pose);
             walked.actions.push(action);
             walked.blocked.push(blocked);
@@ -312,7 +312,7 @@ impl Walked {
                 to: there.from,
                 action,
                 blocked: false,
-                recent: Recent::default().then(action, false),
+                recent: Recent::default().then(action, false, &set),
             };
             [Some(there), set.inverse(there.action).map(back)].into_iter().flatten()
         };
@@ -320,9 +320,10 @@ impl Walked {
     }
 
     fn transition(&self, t: usize) -> Transition {
+        let set = ActionSet::differential_drive(1.0, 1.0);
         // What was not blocked lets the reflexes forget what was before.
         let first = (0..t).rev().find(|&before| !self.blocked[before]).unwrap_or(t);
-        let after = |recent: Recent, t: usize| recent.then(self.actions[t], self.blocked[t]);
+        let after = |recent: Recent, t: usize| recent.then(self.actions[t], self.blocked[t], &set);
         let recent = (first..=t).fold(Recent::default(), after);
         Transition { from: t, to: t + 1, action: self.actions[t], blocked: self.blocked[t], recent }
     }
@@ -380,7 +381,14 @@ mod tests {
     }
 
     fn mirrored(t: &Transition) -> Transition {
-        let action = ActionSet::differential_drive(1.0, 1.0).inverse(t.action).unwrap();
-        Transition { from: t.to, to: t.from, action, blocked: false, recent: Recent::default().then(action, false) }
+        let set = ActionSet::differential_drive(1.0, 1.0);
+        let action = set.inverse(t.action).unwrap();
+        Transition {
+            from: t.to,
+            to: t.from,
+            action,
+            blocked: false,
+            recent: Recent::default().then(action, false, &set),
+        }
     }
 }

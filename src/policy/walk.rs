@@ -122,7 +122,7 @@ mod tests {
         wall[0] = 0.3;
         let turning = shares(&wall, Recent::default());
         assert!(turning[0] == 0.0 && (turning[1] - 0.5).abs() < 0.03);
-        let after_left = shares(&wall, Recent::default().then(Action::TURN_LEFT, false));
+        let after_left = shares(&wall, Recent::default().then(Action::TURN_LEFT, false, &walk().actions));
         assert_eq!(after_left[1], 1.0);
     }
 

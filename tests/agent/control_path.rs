@@ -14,8 +14,12 @@ use adagio::vision::{Observation, Observer};
 use faer::{Mat, Par};
 use rand::RngExt;
 
+fn drive() -> ActionSet {
+    ActionSet::differential_drive(0.3, 0.8)
+}
+
 fn reflexes() -> Reflexes {
-    Reflexes::all(&ActionSet::differential_drive(0.3, 0.8))
+    Reflexes::all(&drive())
 }
 
 /// A random observation, which is dark enough that products of two are exact in `f32`.
@@ -61,7 +65,7 @@ fn q_values_are_those_of_the_features() {
                     assert!((found - known).abs() < 1e-10 * size, "{kernel}: {found} against {known}");
                 }
                 for action in Action::DRIVE {
-                    let recent = Recent::default().then(action, j % 2 == 0);
+                    let recent = Recent::default().then(action, j % 2 == 0, &drive());
                     assert_eq!(reflexes().best(&found, recent), reflexes().best(&known, recent));
                 }
             }
@@ -187,11 +191,12 @@ fn one_support_vector_gives_its_kernel_value_whatever_the_length() {
 
 #[test]
 fn a_decision_allocates_nothing() {
-    let (reflexes, learned) = (reflexes(), learned(Kernel::laplacian(2000.0).unwrap(), 1536, 300, 40, 2));
+    let (reflexes, actions) = (reflexes(), drive());
+    let learned = learned(Kernel::laplacian(2000.0).unwrap(), 1536, 300, 40, 2);
     let mut rng = stream(3, "seen");
     let seen: Vec<Observation> = (0..1000).map(|_| observation(1536, &mut rng)).collect();
     let decide = |seen: &Observation, task| {
-        let recent = Recent::default().then(Action::TURN_LEFT, false);
+        let recent = Recent::default().then(Action::TURN_LEFT, false, &actions);
         std::hint::black_box(reflexes.best(&learned.q_values(seen, task), recent));
     };
     decide(&seen[0], 0);

@@ -42,7 +42,7 @@ fn walk(scenario: &Scenario, world: &World, seed: u64) -> Walked {
         let sonar = robot.sonar(&world.arena);
         let action = walk.choose(&sonar, reflexes, recent);
         let blocked = execute(&mut robot, action, scenario, world);
-        recent = recent.then(action, blocked);
+        recent = recent.then(action, blocked, &scenario.robot.actions);
         walked.poses.push(robot.pose);
         walked.actions.push(action.index());
         let follow = Action::DRIVE.into_iter().filter(|&action| reflexes.allow(action, recent));
@@ -71,7 +71,7 @@ fn steps_to(
         }
         let action = choose(&robot.pose, recent);
         let blocked = execute(&mut robot, action, scenario, world);
-        recent = recent.then(action, blocked);
+        recent = recent.then(action, blocked, &scenario.robot.actions);
     }
     None
 }

@@ -98,7 +98,7 @@ impl Perceive {
         let place = frame.truth.map_or(Point2::new(f64::NAN, f64::NAN), |pose| pose.position);
         if let Some(boundary) = &frame.boundary {
             // Without an action the recording was interrupted: what was before has nothing to do with it.
-            let after = |action| self.recent.then(action, boundary.blocked);
+            let after = |action| self.recent.then(action, boundary.blocked, &self.actions);
             self.recent = frame.action.map_or(Recent::default(), after);
         }
         let end = frame.boundary.map(|boundary| ActionEnd { place, blocked: boundary.blocked, rewards: frame.rewards });
@@ -281,7 +281,7 @@ mod tests {
         assert_eq!(see(frame(0, None, false)).0, Recent::default());
         see(frame(1, Some(Action::TURN_LEFT), false));
         let (recent, boundary) = see(frame(2, Some(Action::FORWARD), true));
-        assert_eq!(recent, Recent { action: Some(Action::TURN_LEFT), blocked: Some(Action::FORWARD) });
+        assert_eq!(recent, Recent { action: Some(Action::TURN_LEFT), blocked: Some(Action::FORWARD), standing: 2 });
         // Only the same turn may follow, and that is what values will count on.
         assert_eq!(boundary.unwrap().1, 1 << Action::TURN_LEFT.index());
 

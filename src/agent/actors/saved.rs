@@ -215,14 +215,17 @@ pub fn action_of(snapshot: &Snapshot, number: usize) -> Result<Action, SnapshotE
 }
 
 /// What the robot did last, by the numbers of actions.
-pub fn recent_numbers(recent: Recent) -> [Option<usize>; 2] {
-    [recent.action, recent.blocked].map(|action| action.map(Action::index))
+pub fn recent_numbers(recent: Recent) -> ([Option<usize>; 2], u32) {
+    ([recent.action, recent.blocked].map(|action| action.map(Action::index)), recent.standing)
 }
 
 /// What the robot did last, from the numbers of actions.
-pub fn recent_of(snapshot: &Snapshot, [action, blocked]: [Option<usize>; 2]) -> Result<Recent, SnapshotError> {
+pub fn recent_of(
+    snapshot: &Snapshot,
+    ([action, blocked], standing): ([Option<usize>; 2], u32),
+) -> Result<Recent, SnapshotError> {
     let of = |number: Option<usize>| number.map(|number| action_of(snapshot, number)).transpose();
-    Ok(Recent { action: of(action)?, blocked: of(blocked)? })
+    Ok(Recent { action: of(action)?, blocked: of(blocked)?, standing })
 }
 
 pub fn wrong(name: &str, cause: impl std::fmt::Display) -> SnapshotError {

@@ -57,7 +57,7 @@ impl Pairs {
             let blocked = robot.drive(motion, &world.arena);
             pairs.poses.push(robot.pose);
             let to = pairs.poses.len() - 1;
-            let recent = Recent::default().then(action, blocked);
+            let recent = Recent::default().then(action, blocked, &scenario.robot.actions);
             pairs.transitions.push(Transition { from: to - 1, to, action, blocked, recent });
         }
         pairs

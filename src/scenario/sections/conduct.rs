@@ -23,6 +23,8 @@ pub struct Policy {
     pub no_repeat_blocked: bool,
     /// Reflex: a turn is not undone by the opposite turn, not even after a blocked action.
     pub no_undo_turn: bool,
+    /// Reflex: from the second full turn in one place on, turns count less and less.
+    pub no_spin: bool,
 }
 
 /// `[evaluate]`
@@ -201,6 +203,11 @@ impl Policy {
                 "no_undo_turn",
                 true,
                 "reflex: a turn is not undone by the opposite turn, not even after a blocked action",
+            ),
+            no_spin: s.flag(
+                "no_spin",
+                true,
+                "reflex: from the second full turn in one place on, turns count less and less",
             ),
         }
     }

@@ -11,6 +11,8 @@ use crate::value::{MapStep, ValueError};
 
 /// Particles of a belief, behind the first images.
 pub(super) const PARTICLES: usize = 500;
+/// They may be more by so many until they are drawn anew.
+const ROOM: usize = 100;
 /// Poses belong together that are in the same square of so many moves and the same of so many sectors, and all that are no further from
 /// the mean of these than so many moves and radians.
 const SQUARE: f64 = 2.0;
@@ -73,6 +75,13 @@ impl Belief {
         self.particles.iter_mut().for_each(|of| of.0 = noise.after(of.0, step, unit, rng));
     }
 
+    /// With so much probability it is elsewhere.
+    pub(super) fn doubt(&mut self, probability: f64, elsewhere: impl ExactSizeIterator<Item = Pose>) {
+        self.particles.iter_mut().for_each(|of| of.1 *= 1.0 - probability);
+        let share = probability / elsewhere.len() as f64;
+        self.particles.extend(elsewhere.map(|pose| (pose, share)));
+    }
+
     /// Weigh all particles by how probable at each pose what was perceived is, a logarithm; how probable it was in all.
     pub(super) fn weigh(&mut self, mut log_probability: impl FnMut(Pose) -> f64) -> f64 {
         if self.particles.is_empty() {
@@ -92,7 +101,7 @@ impl Belief {
     /// Where few particles hold most of the probability, draw them anew; which ones these were.
     pub(super) fn resample(&mut self, rng: &mut impl Rng) -> Option<Vec<u32>> {
         let squares = self.particles.iter().map(|of| of.1 * of.1).sum::<f64>();
-        if self.particles.len() == PARTICLES && 2.0 / squares > PARTICLES as f64 {
+        if (PARTICLES..=PARTICLES + ROOM).contains(&self.particles.len()) && 2.0 / squares > PARTICLES as f64 {
             return None;
         }
         let drawn = draw(self.particles.iter().map(|of| of.1), PARTICLES, rng);

@@ -20,6 +20,9 @@ use crate::value::{MapStep, ValueError};
 const SCATTERED: usize = 2000;
 const PLACES: usize = 8192;
 const UP_TO: (f64, f64) = (0.3, 0.05);
+/// Whatever is believed, with this probability the robot is anywhere; so many particles stand for that.
+const DOUBT: f64 = 0.02;
+const DOUBTS: usize = 10;
 /// A robot that expects what it sees by less than this (running mean of a logarithm) does not know where it is.
 const LOST: f64 = -0.3;
 
@@ -71,6 +74,10 @@ impl PlaceMap {
             None => *belief = Belief { draws: belief.draws, ..self.anywhere(seen, 0..0, &mut rng) },
             Some(step) => {
                 belief.drive(self.metric.noise, step, self.metric.unit, &mut rng);
+                let elsewhere = self.scattered(seen, 0..0, DOUBTS, &mut rng);
+                if !elsewhere.is_empty() {
+                    belief.doubt(DOUBT, elsewhere.into_iter());
+                }
                 let told = self.goals.iter().zip(in_goal).filter_map(|(goal, told)| Some((goal, (*told)?)));
                 let told: Vec<(&GoalPlaces, bool)> = told.collect();
                 let told = belief.weigh(|pose| told.iter().map(|(goal, told)| goal.log_probability(pose, *told)).sum());
@@ -103,22 +110,27 @@ impl PlaceMap {
 
     /// Where a robot may be that sees this: at states that look alike. No particles where no state has a place.
     pub(super) fn anywhere(&self, seen: &[f32], without: Range<usize>, rng: &mut impl Rng) -> Belief {
+        let share = 1.0 / SCATTERED as f64;
+        let particles = self.scattered(seen, without, SCATTERED, rng).into_iter().map(|pose| (pose, share)).collect();
+        Belief { particles, expected: 0.0, draws: 0 }
+    }
+
+    /// So many poses around states that look alike.
+    fn scattered(&self, seen: &[f32], without: Range<usize>, count: usize, rng: &mut impl Rng) -> Vec<Pose> {
         let every = self.poses.len().div_ceil(PLACES);
         let states = (0..self.poses.len() as u32).step_by(every.max(1));
         let placed = states.filter(|&state| !without.contains(&(state as usize)));
         let placed: Vec<(Pose, f64)> = placed
             .filter_map(|state| Some((self.poses[state as usize]?, self.likeness(state, seen) + LEAST_CHANCE)))
             .collect();
-        let drawn = if placed.is_empty() { Vec::new() } else { draw(placed.iter().map(|of| of.1), SCATTERED, rng) };
-        let share = 1.0 / SCATTERED as f64;
+        let drawn = if placed.is_empty() { Vec::new() } else { draw(placed.iter().map(|of| of.1), count, rng) };
         let mut normal = || -> f64 { StandardNormal.sample(&mut *rng) };
         let mut scatter = |pose: Pose| Pose {
             x: pose.x + UP_TO.0 * normal(),
             y: pose.y + UP_TO.0 * normal(),
             heading: pose.heading + UP_TO.1 * normal(),
         };
-        let particles = drawn.iter().map(|&of| (scatter(placed[of as usize].0), share)).collect();
-        Belief { particles, expected: 0.0, draws: 0 }
+        drawn.iter().map(|&of| scatter(placed[of as usize].0)).collect()
     }
 }
 
