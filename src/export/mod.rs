@@ -20,12 +20,12 @@ use serde::Serialize;
 use thiserror::Error;
 
 use self::tables::{
-    Accepted, Decisions, Evaluations, Features, Frames, Growth, LocalValues, Meanings, Models, Policies, Slow,
+    Accepted, Decisions, Evaluations, Features, Frames, Growth, LocalValues, Meanings, Models, Places, Policies, Slow,
     SupportVectors, Transitions,
 };
-use crate::log::messages::{Decision, DictionaryGrowth, Evaluation, ModelUpdate, Transition};
+use crate::log::messages::{Decision, DictionaryGrowth, Evaluation, ModelUpdate, PlaceBelief, Transition};
 use crate::log::{LogError, Record, topics};
-use crate::policy::Learned;
+use crate::policy::{Learned, MOST_PLACES};
 use crate::replay::Recording;
 use crate::scenario::Scenario;
 use crate::source::Recorded;
@@ -307,6 +307,9 @@ impl Export<'_> {
         let written = failed(self.out);
         let mut transitions = Transitions::create(&self.table("transitions")?, tasks).map_err(&written)?;
         let mut decisions = Decisions::create(&self.table("decisions")?, actions).map_err(&written)?;
+        let told = scenario.value.places.then_some(());
+        let mut places =
+            told.map(|()| Places::create(&self.table("places")?, MOST_PLACES).map_err(&written)).transpose()?;
         let mut models = Models::create(&self.table("models")?, features).map_err(&written)?;
         let mut growth = Growth::create(&self.table("growth")?).map_err(&written)?;
         let mut accepted = Accepted::create(&self.table("accepted")?).map_err(&written)?;
@@ -320,6 +323,8 @@ impl Export<'_> {
                 record.decode::<Transition>().map(|message| transitions.add(&message, tasks))
             } else if is(topics::DECISION.name()) {
                 record.decode::<Decision>().map(|message| decisions.add(&message, scenario))
+            } else if let Some(places) = places.as_mut().filter(|_| is(topics::PLACES.name())) {
+                record.decode::<PlaceBelief>().map(|message| places.add(&message, MOST_PLACES))
             } else if is(topics::MODEL.name()) {
                 record.decode::<ModelUpdate>().map(|message| models.add(&message, features))
             } else if is(topics::DICTIONARY.name()) {
@@ -337,6 +342,9 @@ impl Export<'_> {
         }
         self.pack(&["transitions"], vec![transitions.finish()])?;
         self.pack(&["decisions"], vec![decisions.finish()])?;
+        if let Some(places) = places {
+            self.pack(&["places"], vec![places.finish()])?;
+        }
         self.pack(&["models"], vec![models.finish()])?;
         self.pack(&["growth"], vec![growth.finish()])?;
         self.pack(&["accepted"], vec![accepted.finish()])?;

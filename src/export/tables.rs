@@ -7,7 +7,7 @@ use faer::{MatRef, Par};
 use rayon::prelude::*;
 
 use super::npz::{Array, ArrayEntry};
-use crate::log::messages::{Decision, DictionaryGrowth, Evaluation, ModelUpdate, Transition};
+use crate::log::messages::{Decision, DictionaryGrowth, Evaluation, ModelUpdate, PlaceBelief, Transition};
 use crate::policy::{Learned, columns};
 use crate::scenario::Scenario;
 use crate::source::{Frame, MarkKind, View};
@@ -102,6 +102,17 @@ table! {
         epoch: u32 [] = [message.epoch], "the model in use, 0 before the first";
         q_values: f64 [actions] = fixed(&message.q_values, scenario.robot.actions.len()), "value of each action for that task; not a number without one";
         reflex: bool [] = [message.reflex], "a reflex replaced what the behaviour wished";
+    }
+}
+
+table! {
+    /// One row for each decision where places are told: where the robot may be, the most probable place first.
+    Places(most) of message: PlaceBelief, most: usize {
+        frame: u64 [] = [message.frame], "the frame that was decided on";
+        probability: f64 [most] = fixed(&message.probabilities, most), "how probable each place is; not a number beyond the last, as below";
+        x: f64 [most] = fixed(&message.x, most), "of each place along the map's first axis, lengths of a move";
+        y: f64 [most] = fixed(&message.y, most), "of each place along the second axis, lengths of a move";
+        heading: f64 [most] = fixed(&message.headings, most), "of each place, radians from the first axis to the second";
     }
 }
 

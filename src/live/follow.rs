@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use super::tail::Tail;
-use crate::log::messages::{Decision, DictionaryGrowth, FrameTaken, Image, Log, PolicyUpdate, RobotState};
+use crate::log::messages::{Decision, DictionaryGrowth, FrameTaken, Image, Log, PlaceBelief, PolicyUpdate, RobotState};
 use crate::log::{LogError, LogReader, Record, log_files, topics};
 use crate::report::gather::Gathered;
 
@@ -43,6 +43,8 @@ pub struct Newest {
     pub robot: Option<String>,
     /// The decision.
     pub decision: Option<Decision>,
+    /// Where the robot may be.
+    pub places: Option<PlaceBelief>,
     /// The block of frames that went through the dictionary.
     pub growth: Option<DictionaryGrowth>,
     /// How the policy of each task came about; without its weights.
@@ -237,6 +239,8 @@ impl Newest {
             self.robot = Some(if causes.is_empty() { state } else { format!("{state}: {causes}") });
         } else if is(topics::DECISION.name()) {
             self.decision = Some(record.decode()?);
+        } else if is(topics::PLACES.name()) {
+            self.places = Some(record.decode()?);
         } else if is(topics::DICTIONARY.name()) {
             self.growth = Some(record.decode()?);
         } else if is(topics::POLICY.name()) {

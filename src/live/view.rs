@@ -100,6 +100,8 @@ pub struct DecisionView {
     pub q_values: Vec<f64>,
     /// A reflex replaced what was wished.
     pub reflex: bool,
+    /// How probable the place is that the robot most probably is at, 0 to 1; where places are told.
+    pub sure: Option<f64>,
 }
 
 /// The dictionary.
@@ -353,6 +355,11 @@ impl Watcher {
                 task: decision.task.clone(),
                 q_values: decision.q_values.iter().map(|&q| finely(q)).collect(),
                 reflex: decision.reflex,
+                sure: newest
+                    .places
+                    .as_ref()
+                    .filter(|places| places.frame == decision.frame)
+                    .and_then(|places| places.probabilities.first().copied()),
             }),
             camera: pose.and_then(|pose| self.lookout.camera(gathered.last_frame, pose)),
             observation: newest.observation.as_ref().filter(|seen| !seen.rgb.is_empty()).map(|seen| Picture {

@@ -9,7 +9,7 @@ use std::hash::{DefaultHasher, Hasher};
 use super::topics;
 
 /// Topics whose messages follow from scenario, seed and frames alone, in the order in which a difference shows on them.
-const REPEATABLE: [&str; 10] = [
+const REPEATABLE: [&str; 11] = [
     topics::OBSERVATION.name(),
     topics::FRAME.name(),
     topics::TRANSITION.name(),
@@ -18,6 +18,7 @@ const REPEATABLE: [&str; 10] = [
     topics::REQUEST.name(),
     topics::MODEL.name(),
     topics::POLICY.name(),
+    topics::PLACES.name(),
     topics::DECISION.name(),
     topics::COMMAND.name(),
 ];

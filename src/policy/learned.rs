@@ -13,12 +13,12 @@ use super::region::{FloorMap, GoalRegion};
 use crate::robot::{Action, ActionSet, ActionValues, MOST_ACTIONS};
 use crate::scenario::hex;
 use crate::slow::SlowModel;
-use crate::value::place::{Belief, GoalPlaces, PlaceMap, PlaceMetric};
+use crate::value::place::{Belief, GoalPlaces, PlaceMap, PlaceMetric, Pose};
 use crate::value::{Instances, MapStep};
 use crate::vision::Observation;
 
 /// Poses whose values are averaged: so many at most, until they make up this share of a belief.
-const POSES: usize = 8;
+pub const MOST_PLACES: usize = 8;
 const MOST: f64 = 0.95;
 
 /// Features of one epoch, and the policies that were fitted on them.
@@ -70,6 +70,8 @@ pub struct State<'a> {
     belief: Option<&'a Belief>,
     /// The point in coordinates of the slowest features, `p × 1`.
     point: OnceCell<Mat<f32>>,
+    /// Where the robot may be, by the belief, or without one by the observation alone; none where places are not told.
+    modes: OnceCell<Vec<(Pose, f64)>>,
     /// Local values of all tasks, and the place on the map, found with the same neighbours.
     local: OnceCell<(Vec<ActionValues>, Option<[f64; 2]>)>,
 }
@@ -103,6 +105,16 @@ impl State<'_> {
         self.placed().map(|placed| placed.1)
     }
 
+    /// Where the robot may be, and how probable that is, the most probable place first: a few that make up most of a belief. Empty
+    /// where places are not told.
+    pub fn places(&self) -> &[(Pose, f64)] {
+        self.modes.get_or_init(|| match (&self.learned.places, &self.learned.values, self.belief) {
+            (Some(_), _, Some(belief)) => belief.modes(MOST_PLACES, MOST),
+            (Some(map), Values::Local(points), None) => anywhere(map, self.point(points).col(0)),
+            _ => Vec::new(),
+        })
+    }
+
     /// The point in coordinates of features, and its place on the map.
     fn placed(&self) -> Option<(MatRef<'_, f32>, [f64; 2])> {
         let map = self.learned.map.as_ref()?;
@@ -120,7 +132,7 @@ impl State<'_> {
     fn local(&self, points: &PixelPoints) -> &(Vec<ActionValues>, Option<[f64; 2]>) {
         self.local.get_or_init(|| {
             let (values, places) = match &self.learned.places {
-                Some(map) => (self.learned.values_by_places(map, self.point(points).col(0), self.belief), None),
+                Some(map) => (self.learned.values_by_places(map, self.point(points).col(0), self.places()), None),
                 None => self.learned.local_values(self.point(points), 0..self.learned.weights.len()),
             };
             let of_actions = |q: &Mat<f64>| ActionValues::new(q.col(0).iter().copied());
@@ -131,6 +143,12 @@ impl State<'_> {
     fn point(&self, points: &PixelPoints) -> MatRef<'_, f32> {
         self.point.get_or_init(|| as_point(points, self.observation)).as_ref()
     }
+}
+
+/// Where a robot may be that knows nothing but what it sees.
+fn anywhere(map: &PlaceMap, seen: ColRef<'_, f32>) -> Vec<(Pose, f64)> {
+    let (seen, mut belief): (Vec<f32>, _) = (seen.iter().copied().collect(), Belief::default());
+    map.follow(&mut belief, None, &seen, &[]).map_or(Vec::new(), |()| belief.modes(MOST_PLACES, MOST))
 }
 
 fn as_point(points: &PixelPoints, observation: &Observation) -> Mat<f32> {
@@ -334,7 +352,14 @@ impl Learned {
 
     /// What the model makes of an observation, computed when it is asked for and once.
     pub fn state<'a>(&'a self, observation: &'a Observation) -> State<'a> {
-        State { learned: self, observation, belief: None, point: OnceCell::new(), local: OnceCell::new() }
+        State {
+            learned: self,
+            observation,
+            belief: None,
+            point: OnceCell::new(),
+            modes: OnceCell::new(),
+            local: OnceCell::new(),
+        }
     }
 
     /// The same on a way: `belief` is where the robot may be, `None` at its beginning and where nothing tells places; it goes on by
@@ -398,7 +423,7 @@ impl Learned {
                 };
                 let mut values = vec![Mat::zeros(self.actions(), points.ncols()); self.weights.len()];
                 for j in 0..points.ncols() {
-                    let of = self.values_by_places(map, points.col(j), None);
+                    let of = self.values_by_places(map, points.col(j), &anywhere(map, points.col(j)));
                     values.iter_mut().zip(of).for_each(|(values, of)| values.col_mut(j).copy_from(of.col(0)));
                 }
                 values
@@ -413,17 +438,9 @@ impl Learned {
     }
 
     /// Local values of all tasks, `actions × 1` each, where the robot may be, by how probable that is (Littman, Cassandra & Kaelbling
-    /// 1995); without a belief, by what is seen alone.
-    fn values_by_places(&self, map: &PlaceMap, seen: ColRef<'_, f32>, belief: Option<&Belief>) -> Vec<Mat<f64>> {
+    /// 1995).
+    fn values_by_places(&self, map: &PlaceMap, seen: ColRef<'_, f32>, modes: &[(Pose, f64)]) -> Vec<Mat<f64>> {
         let seen: Vec<f32> = seen.iter().copied().collect();
-        let modes = match belief {
-            Some(belief) => belief.modes(POSES, MOST),
-            None => {
-                let mut anywhere = Belief::default();
-                let looked = map.follow(&mut anywhere, None, &seen, &[]);
-                looked.map_or(Vec::new(), |()| anywhere.modes(POSES, MOST))
-            }
-        };
         let at: Vec<Vec<f32>> = modes.iter().map(|&(pose, _)| map.metric().point(&seen, pose)).collect();
         let at = Mat::from_fn(at.first().map_or(0, Vec::len), at.len(), |i, j| at[j][i]);
         let sum = modes.iter().map(|of| of.1).sum::<f64>();

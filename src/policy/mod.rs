@@ -9,7 +9,7 @@ mod region;
 mod walk;
 
 pub use behaviour::{Behaviour, BehaviourSchedule, Goto, PursuitEnd, Tally};
-pub use learned::{Learned, State, columns, step_of};
+pub use learned::{Learned, MOST_PLACES, State, columns, step_of};
 pub use metric::points;
 pub use pixel_values::{PixelPoints, PixelValues, PolicyError};
 pub use reflex::{Recent, Reflexes};

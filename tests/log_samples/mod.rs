@@ -9,9 +9,9 @@ use adagio::log::{
     LogError, LogWriter, Message, Topic, cdr,
     messages::{
         Decision, DictionaryGrowth, Evaluation, FrameTaken, GoalMoved, Header, Health, Image, LaserScan, Log,
-        ModelRequest, ModelUpdate, Odometry, PolicyUpdate, Pose, PoseStamped, PoseWithCovariance, PursuitEnded,
-        RewardGiven, RobotInput, RobotState, RunEnd, Text, Time, Transition, Twist, TwistStamped, TwistWithCovariance,
-        Vector3,
+        ModelRequest, ModelUpdate, Odometry, PlaceBelief, PolicyUpdate, Pose, PoseStamped, PoseWithCovariance,
+        PursuitEnded, RewardGiven, RobotInput, RobotState, RunEnd, Text, Time, Transition, Twist, TwistStamped,
+        TwistWithCovariance, Vector3,
     },
     topics,
 };
@@ -57,6 +57,7 @@ pub fn write_samples<W: Write>(
         on.put(topics::ROBOT_INPUT, input(header.clone(), round))?;
         on.put(topics::PURSUIT, pursuit(header.clone(), round))?;
         on.put(topics::DECISION, decision(header.clone(), round))?;
+        on.put(topics::PLACES, places(header.clone(), round))?;
         on.put(topics::TRANSITION, transition(header.clone(), round))?;
         on.put(topics::DICTIONARY, growth(header.clone(), round))?;
         on.put(topics::REQUEST, request(header.clone(), round))?;
@@ -208,6 +209,11 @@ fn decision(header: Header, round: u32) -> Decision {
         q_values: numbers(round, 3),
         reflex: round % 2 == 1,
     }
+}
+
+fn places(header: Header, round: u32) -> PlaceBelief {
+    let of = |first: u32| numbers(first + round, 2);
+    PlaceBelief { header, frame: u64::from(round), probabilities: of(0), x: of(1), y: of(2), headings: of(3) }
 }
 
 fn transition(header: Header, round: u32) -> Transition {

@@ -83,9 +83,10 @@ impl Act {
             _ => (self.walk.choose(&percept.sonar, self.reflexes, percept.recent), None, false),
         };
         self.number += 1;
+        let places = state.as_ref().map_or(Vec::new(), |state| state.places().to_vec());
         let epoch = self.learned.as_ref().map_or(0, |learned| learned.epoch);
         let ends_run = ended.is_some_and(|end| end.arrived && self.behaviour.then(end.task) == Then::Stop);
-        Decision { number: self.number - 1, action, leg, epoch, q_values, reflex, ended, ends_run }
+        Decision { number: self.number - 1, action, leg, epoch, places, q_values, reflex, ended, ends_run }
     }
 
     /// How pursuits ended so far, by task.

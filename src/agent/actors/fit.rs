@@ -10,6 +10,7 @@ use std::sync::Arc;
 use faer::{Mat, Par};
 use rayon::prelude::*;
 
+use super::doubts::doubts;
 use super::kernel_rows::KernelRows;
 use super::messages::{FitRequest, Item, Marked, TaskTransition, Update};
 use super::record::{Level, Recorder};
@@ -75,7 +76,7 @@ impl FitPolicies {
             };
             let seen = Seen { model: &model, projected: &projected, window: &request.window, tried: tried.as_ref() };
             let mut shown = Shown::new(&self.scenario, &seen, &request.marks, self.par)?;
-            let notes = std::mem::take(&mut shown.notes);
+            let mut notes = std::mem::take(&mut shown.notes);
             let (epoch, asked_at, frames) = (self.epoch + 1, request.asked_at, request.frames);
             let weights_of = |fits: &[Fit]| fits.iter().map(|fit| fit.weights.clone()).collect();
             let (learned, fits) = match tried {
@@ -91,6 +92,9 @@ impl FitPolicies {
                 }
             };
             let (fits, heedless) = fits;
+            let worths: Vec<Mat<f64>> =
+                if learned.as_ref().is_ok_and(|of| of.instances.is_some()) { weights_of(&fits) } else { Vec::new() };
+            notes.extend(doubts(&self.scenario, &request.window, &worths));
             let learned = learned.and_then(|learned| {
                 learned.with_heedless(heedless).for_goals(request.goals).with_regions(shown.map, shown.regions)
             });

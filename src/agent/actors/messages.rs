@@ -7,6 +7,7 @@ use crate::dictionary::Dictionary;
 use crate::policy::{Behaviour, Goto, Learned, PursuitEnd, Recent};
 use crate::robot::{Action, ActionValues};
 use crate::slow::{Moments, SlowModel};
+use crate::value::place::Pose;
 use crate::value::{Fit, Transition};
 use crate::vision::Observation;
 
@@ -112,6 +113,8 @@ pub struct Decision {
     pub leg: Behaviour,
     /// Epoch of the policy, 0 without one.
     pub epoch: u32,
+    /// Where the robot may be, and how probable that is, the most probable place first; empty where places are not told.
+    pub places: Vec<(Pose, f64)>,
     /// Q-values of the pursued task.
     pub q_values: Option<ActionValues>,
     /// Whether a reflex replaced the policy's wish.

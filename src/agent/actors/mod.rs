@@ -1,6 +1,7 @@
 //! The actors of a run, one file each: its state, its pure step, its loop.
 
 pub mod act;
+mod doubts;
 pub mod evaluate;
 pub mod fit;
 pub mod health;

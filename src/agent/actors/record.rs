@@ -16,6 +16,7 @@ use crate::robot::{Action, ActionSet, Pose, Velocity};
 use crate::scenario::Scenario;
 use crate::source::live::{Event, Reading, Received};
 use crate::source::{Frame, GoalMove, Mark, mark_text};
+use crate::value::place::Pose as PlacePose;
 use crate::vision::Observation;
 
 /// One write, to be done by the thread that owns the file.
@@ -295,7 +296,20 @@ impl Recorder {
             q_values: decision.q_values.map_or(Vec::new(), |values| values.to_vec()),
             reflex: decision.reflex,
         };
-        self.write(topics::DECISION, frame, stamp_ns, message)
+        self.write(topics::DECISION, frame, stamp_ns, message)?;
+        if decision.places.is_empty() {
+            return Ok(());
+        }
+        let of = |part: fn(&(PlacePose, f64)) -> f64| decision.places.iter().map(part).collect();
+        let places = msg::PlaceBelief {
+            header: msg::Header::new(stamp_ns, "map"),
+            frame,
+            probabilities: of(|place| place.1),
+            x: of(|place| place.0.x),
+            y: of(|place| place.0.y),
+            headings: of(|place| place.0.heading),
+        };
+        self.write(topics::PLACES, frame, stamp_ns, places)
     }
 
     /// What a block of frames did to the dictionary.

@@ -162,7 +162,9 @@ fn health(buffer: &mut Buffer, area: Rect, view: &View) {
     let decision = view.decision.as_ref().map_or_else(String::new, |decision| {
         let why = if decision.task.is_empty() { "exploring".to_owned() } else { format!("to {}", decision.task) };
         let reflex = if decision.reflex { " (reflex)" } else { "" };
-        format!("{why}: {}{reflex}   ", decision.action)
+        let sure =
+            decision.sure.map_or_else(String::new, |sure| format!(", sure of the place by {:.0} %", 100.0 * sure));
+        format!("{why}: {}{reflex}{sure}   ", decision.action)
     });
     let dictionary = view.dictionary.as_ref().map_or_else(String::new, |dictionary| {
         let budget = dictionary.budget.map_or(String::new(), |budget| format!(" of {}", Numbered(budget as u64)));

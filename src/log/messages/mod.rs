@@ -10,8 +10,8 @@ pub mod own;
 pub mod standard;
 
 pub use own::{
-    Decision, DictionaryGrowth, Evaluation, FrameTaken, GoalMoved, Health, ModelRequest, ModelUpdate, PolicyUpdate,
-    PursuitEnded, RewardGiven, RobotInput, RobotState, RunEnd, Transition,
+    Decision, DictionaryGrowth, Evaluation, FrameTaken, GoalMoved, Health, ModelRequest, ModelUpdate, PlaceBelief,
+    PolicyUpdate, PursuitEnded, RewardGiven, RobotInput, RobotState, RunEnd, Transition,
 };
 pub use standard::{
     Header, Image, LaserScan, Log, Odometry, Point, Pose, PoseStamped, PoseWithCovariance, Quaternion, Text, Time,

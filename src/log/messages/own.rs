@@ -41,6 +41,22 @@ messages! {
         reflex: bool,
     } in Header Time;
 
+    /// Where the robot may be on the map that it has made, the most probable place first.
+    adagio_msgs / PlaceBelief PlaceBelief {
+        /// When.
+        header: Header,
+        /// The frame that was decided on.
+        frame: u64,
+        /// How probable each place is; in all at most 1.
+        probabilities: Vec<f64>,
+        /// Of each place, along the map's first axis, lengths of a move.
+        x: Vec<f64>,
+        /// Of each place, along the second axis.
+        y: Vec<f64>,
+        /// Of each place, the heading, radians from the first axis to the second.
+        headings: Vec<f64>,
+    } in Header Time;
+
     /// A frame was taken from the source: what a replay has to know of it beside the observation.
     adagio_msgs / FrameTaken FrameTaken [
         /// [`FrameTaken::action`]: none, before the first one.

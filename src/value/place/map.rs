@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use faer::{Mat, MatRef};
-use rand::Rng;
+use rand::{Rng, RngExt};
 use rand_distr::{Distribution, StandardNormal};
 
 use super::belief::{Belief, draw};
@@ -23,6 +23,8 @@ const UP_TO: (f64, f64) = (0.3, 0.05);
 /// Whatever is believed, with this probability the robot is anywhere; so many particles stand for that.
 const DOUBT: f64 = 0.02;
 const DOUBTS: usize = 10;
+/// Of so many states, others at each step.
+const DOUBTED: usize = 1024;
 /// A robot that expects what it sees by less than this (running mean of a logarithm) does not know where it is.
 const LOST: f64 = -0.3;
 
@@ -74,7 +76,7 @@ impl PlaceMap {
             None => *belief = Belief { draws: belief.draws, ..self.anywhere(seen, 0..0, &mut rng) },
             Some(step) => {
                 belief.drive(self.metric.noise, step, self.metric.unit, &mut rng);
-                let elsewhere = self.scattered(seen, 0..0, DOUBTS, &mut rng);
+                let elsewhere = self.scattered(seen, 0..0, (DOUBTED, DOUBTS), &mut rng);
                 if !elsewhere.is_empty() {
                     belief.doubt(DOUBT, elsewhere.into_iter());
                 }
@@ -111,14 +113,21 @@ impl PlaceMap {
     /// Where a robot may be that sees this: at states that look alike. No particles where no state has a place.
     pub(super) fn anywhere(&self, seen: &[f32], without: Range<usize>, rng: &mut impl Rng) -> Belief {
         let share = 1.0 / SCATTERED as f64;
-        let particles = self.scattered(seen, without, SCATTERED, rng).into_iter().map(|pose| (pose, share)).collect();
+        let particles =
+            self.scattered(seen, without, (PLACES, SCATTERED), rng).into_iter().map(|pose| (pose, share)).collect();
         Belief { particles, expected: 0.0, draws: 0 }
     }
 
-    /// So many poses around states that look alike.
-    fn scattered(&self, seen: &[f32], without: Range<usize>, count: usize, rng: &mut impl Rng) -> Vec<Pose> {
-        let every = self.poses.len().div_ceil(PLACES);
-        let states = (0..self.poses.len() as u32).step_by(every.max(1));
+    /// Around those of so many states that look alike, so many poses.
+    fn scattered(
+        &self,
+        seen: &[f32],
+        without: Range<usize>,
+        (of, count): (usize, usize),
+        rng: &mut impl Rng,
+    ) -> Vec<Pose> {
+        let every = self.poses.len().div_ceil(of).max(1);
+        let states = (rng.random_range(0..every) as u32..self.poses.len() as u32).step_by(every);
         let placed = states.filter(|&state| !without.contains(&(state as usize)));
         let placed: Vec<(Pose, f64)> = placed
             .filter_map(|state| Some((self.poses[state as usize]?, self.likeness(state, seen) + LEAST_CHANCE)))

@@ -13,12 +13,17 @@
 //! A wrong turn early on bends a map for good, and by chance. So there are several tries, and the one that stays is the one in which
 //! what was seen was most expected. Later maps begin with the places of the one before, and have to beat new tries.
 //!
+//! # Doubt
+//! A cloud of poses that has settled in the wrong one of two rooms would stay there. So a little of it is always anywhere where such
+//! images were seen; and that no goal was found where one should be ([`GoalPlaces`]) makes it grow.
+//!
 //! # Units
 //! Positions are in lengths of a move, headings in radians, counter-clockwise. The map is right up to a rotation and a shift,
 //! which nothing can tell.
 //!
 //! # Reference
-//! Dellaert, Fox, Burgard & Thrun 1999 (Monte Carlo localization); Montemerlo, Thrun, Koller & Wegbreit 2002 (maps along particles);
+//! Dellaert, Fox, Burgard & Thrun 1999 (Monte Carlo localization); Thrun, Fox, Burgard & Dellaert 2001 (some particles by what is seen);
+//! Montemerlo, Thrun, Koller & Wegbreit 2002 (maps along particles);
 //! Littman, Cassandra & Kaelbling 1995 (acting on such a belief: values averaged by it).
 
 mod belief;
