@@ -78,7 +78,7 @@ impl Belief {
     /// With so much probability it is elsewhere.
     pub(super) fn doubt(&mut self, probability: f64, elsewhere: impl ExactSizeIterator<Item = Pose>) {
         self.particles.iter_mut().for_each(|of| of.1 *= 1.0 - probability);
-        let share = probability / elsewhere.len() as f64;
+        let share = probability / elsewhere.len().max(1) as f64;
         self.particles.extend(elsewhere.map(|pose| (pose, share)));
     }
 

@@ -9,10 +9,12 @@ use super::states::square;
 use crate::value::ValueError;
 use crate::value::error::parameter;
 
+/// Squares beside one count by this, as not all of them were visited.
+const BESIDE: f64 = 0.5;
 /// However sure a goal seems to be, the map may be wrong: a logarithm.
 const SURE: f64 = -3.0;
 
-/// How often the robot was in the goal, by the squares of the floor on which it was there.
+/// How often the robot was in the goal, by the squares of the floor.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct GoalPlaces(BTreeMap<[i32; 2], f64>);
 
@@ -24,9 +26,19 @@ impl GoalPlaces {
             let [found, all] = counts.entry(square(pose)).or_default();
             (*found, *all) = (*found + f64::from(in_goal), *all + 1.0);
         }
-        // As if it had been there once more without a goal.
-        let share = |(square, [found, all]): ([i32; 2], [f64; 2])| (square, found / (all + 1.0));
-        GoalPlaces(counts.into_iter().filter(|(_, count)| count[0] > 0.0).map(share).collect())
+        let around = |&[x, y]: &[i32; 2]| {
+            [(0, 0, 1.0), (-1, 0, BESIDE), (1, 0, BESIDE), (0, -1, BESIDE), (0, 1, BESIDE)]
+                .map(|(dx, dy, weight)| ([x.saturating_add(dx), y.saturating_add(dy)], weight))
+        };
+        let near = counts.iter().filter(|(_, count)| count[0] > 0.0).flat_map(|(square, _)| around(square));
+        let share = |(square, _)| {
+            let counted =
+                around(&square).map(|(at, weight)| counts.get(&at).map_or([0.0; 2], |of| of.map(|n| weight * n)));
+            let [found, all] = counted.iter().fold([0.0; 2], |sum, of| [sum[0] + of[0], sum[1] + of[1]]);
+            // As if it had been there once more without a goal.
+            (square, found / (all + 1.0))
+        };
+        GoalPlaces(near.map(share).collect())
     }
 
     /// Squares and shares, `3 × c`; of a goal that was never found, `0 × 0`.

@@ -20,9 +20,11 @@ use crate::value::{MapStep, ValueError};
 const SCATTERED: usize = 2000;
 const PLACES: usize = 8192;
 const UP_TO: (f64, f64) = (0.3, 0.05);
-/// Whatever is believed, with this probability the robot is anywhere; so many particles stand for that.
-const DOUBT: f64 = 0.02;
+/// Of what a goal that is not there has proved wrong, this share is anywhere; so many particles stand for that, and less than a little
+/// is nothing. In rooms that are alike, doubts without a cause would bring it into the one whose map fits a little better.
+const DOUBT: f64 = 0.1;
 const DOUBTS: usize = 10;
+const LITTLE: f64 = 1e-3;
 /// Of so many states, others at each step.
 const DOUBTED: usize = 1024;
 /// A robot that expects what it sees by less than this (running mean of a logarithm) does not know where it is.
@@ -76,14 +78,14 @@ impl PlaceMap {
             None => *belief = Belief { draws: belief.draws, ..self.anywhere(seen, 0..0, &mut rng) },
             Some(step) => {
                 belief.drive(self.metric.noise, step, self.metric.unit, &mut rng);
-                let elsewhere = self.scattered(seen, 0..0, (DOUBTED, DOUBTS), &mut rng);
-                if !elsewhere.is_empty() {
-                    belief.doubt(DOUBT, elsewhere.into_iter());
-                }
                 let told = self.goals.iter().zip(in_goal).filter_map(|(goal, told)| Some((goal, (*told)?)));
                 let told: Vec<(&GoalPlaces, bool)> = told.collect();
                 let told = belief.weigh(|pose| told.iter().map(|(goal, told)| goal.log_probability(pose, *told)).sum());
                 self.look(belief, seen, 0..0, (looks::KNOWN, told), &mut rng);
+                let doubt = DOUBT * (1.0 - told.exp());
+                if doubt > LITTLE {
+                    belief.doubt(doubt, self.scattered(seen, 0..0, (DOUBTED, DOUBTS), &mut rng).into_iter());
+                }
             }
         }
         belief.resample(&mut rng);
@@ -127,7 +129,8 @@ impl PlaceMap {
         rng: &mut impl Rng,
     ) -> Vec<Pose> {
         let every = self.poses.len().div_ceil(of).max(1);
-        let states = (rng.random_range(0..every) as u32..self.poses.len() as u32).step_by(every);
+        let first = if every > 1 { rng.random_range(0..every) } else { 0 };
+        let states = (first as u32..self.poses.len() as u32).step_by(every);
         let placed = states.filter(|&state| !without.contains(&(state as usize)));
         let placed: Vec<(Pose, f64)> = placed
             .filter_map(|state| Some((self.poses[state as usize]?, self.likeness(state, seen) + LEAST_CHANCE)))
