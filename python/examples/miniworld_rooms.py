@@ -100,12 +100,14 @@ class SameBox(gymnasium.Wrapper):
 def main():
     parser = options(__doc__, 50_000, of="steps of the environment")
     parser.add_argument("--world", choices=WORLDS, default="OneRoom")
+    parser.add_argument("--places", action="store_true", help="with a memory of where the agent may be")
     given = parser.parse_args()
     env = SameBox(given.world)
     actions, longest = given.steps // REPEAT, env.unwrapped.max_episode_steps // REPEAT + 1
     # As many frames as an action has, and as long as its way is.
     loop = Loop(env, action=ACTIONS, blocked=lambda _, __, info: info["blocked"], actions=most(actions, given.trials, longest),
-                seed=given.seed, out=given.out, robot={"frames_per_action": REPEAT, "forward": 0.15 * REPEAT})
+                seed=given.seed, out=given.out, robot={"frames_per_action": REPEAT, "forward": 0.15 * REPEAT},
+                value={"places": given.places})
     loop.reset(given.seed)
     curve(loop, actions, given.trials, REPEAT)
 
