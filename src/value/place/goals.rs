@@ -5,14 +5,20 @@ use std::collections::BTreeMap;
 use faer::Mat;
 
 use super::Pose;
-use super::states::square;
 use crate::value::ValueError;
 use crate::value::error::parameter;
 
+/// Side of a square of the floor, moves.
+pub(super) const SIDE: f64 = 0.6;
 /// Squares beside one count by this, as not all of them were visited.
 const BESIDE: f64 = 0.5;
 /// However sure a goal seems to be, the map may be wrong: a logarithm.
 const SURE: f64 = -3.0;
+
+/// The square of the floor that a pose lies in.
+pub(super) fn square(pose: Pose) -> [i32; 2] {
+    [pose.x, pose.y].map(|at| (at / SIDE).round() as i32)
+}
 
 /// How often the robot was in the goal, by the squares of the floor.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -43,9 +49,8 @@ impl GoalPlaces {
 
     /// Squares and shares, `3 × c`; of a goal that was never found, `0 × 0`.
     pub fn to_matrix(&self) -> Mat<f64> {
-        let mut of = self.0.iter();
-        let mut columns = || of.next().map_or([0.0; 3], |(&[x, y], &share)| [f64::from(x), f64::from(y), share]);
-        let columns: Vec<[f64; 3]> = (0..self.0.len()).map(|_| columns()).collect();
+        let column = |(&[x, y], &share): (&[i32; 2], &f64)| [f64::from(x), f64::from(y), share];
+        let columns: Vec<[f64; 3]> = self.0.iter().map(column).collect();
         Mat::from_fn(if columns.is_empty() { 0 } else { 3 }, columns.len(), |i, j| columns[j][i])
     }
 

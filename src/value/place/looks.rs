@@ -4,7 +4,8 @@ use std::collections::HashMap;
 use std::ops::Range;
 
 use super::Pose;
-use super::states::{ByCell, Cell, HEADINGS, PlaceMap, SIDE, cell};
+use super::goals::SIDE;
+use super::states::{ByCell, Cell, HEADINGS, PlaceMap, cell};
 
 /// Standard deviation of where states count, moves; weight of those one heading further.
 const NEARBY: f64 = 0.6;

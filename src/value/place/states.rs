@@ -7,7 +7,8 @@ use std::ops::Range;
 
 use faer::{Mat, MatRef};
 
-use super::{GoalPlaces, PlaceMetric, Pose};
+use super::goals::{GoalPlaces, square};
+use super::{PlaceMetric, Pose};
 
 /// Width of likeness: so many times as far as states are from the third of those that are most like them and were not met beside them.
 const WIDTH: f64 = 1.3;
@@ -21,8 +22,7 @@ pub(super) const LEAST_CHANCE: f64 = 1e-6;
 const LIKE: usize = 8;
 /// States that tell how often such an image is seen by chance.
 const ASKED: usize = 256;
-/// Cells: so many moves along each axis, and so many headings.
-pub(super) const SIDE: f64 = 0.6;
+/// Cells: a square of the floor, and one of so many headings.
 pub(super) const HEADINGS: i32 = 24;
 /// States of a cell that are asked.
 const MOST: usize = 8;
@@ -122,10 +122,6 @@ impl Hasher for Mix {
     fn finish(&self) -> u64 {
         self.0 ^ self.0 >> 32
     }
-}
-
-pub(super) fn square(pose: Pose) -> [i32; 2] {
-    [pose.x, pose.y].map(|at| (at / SIDE).round() as i32)
 }
 
 pub(super) fn cell(pose: Pose) -> Cell {
