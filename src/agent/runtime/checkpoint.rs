@@ -3,8 +3,8 @@
 //! Tensors: `members` (m × d, f32), `projection` (k × m), `offset` (k), `slowness` (k), `weights.T` (3 × (k + 1)) for each task
 //! T, all f64 and row by row. Local values have `instances` (N × p, f32), the points where actions were tried, in place of features,
 //! and `weights.T` (1 × N) says what each is worth. Where places are told, these are points of a metric (N × (p + 4)), whose bits are in
-//! the metadata, and `goal_places.T` (c × 3) has the squares where the goal was found. Where something is to be avoided, `heedless.T` has the values without that. The metadata has the complete scenario,
-//! so the file alone is enough to evaluate.
+//! the metadata, and `goal_places.T` (c × 3) has the squares where the goal was found. Where something is to be avoided, `heedless.T`
+//! has the values without that. The metadata has the complete scenario, so the file alone is enough to evaluate.
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
