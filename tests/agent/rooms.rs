@@ -284,7 +284,7 @@ fn pyramids_stand_above_the_courts_wall_where_they_are() {
 #[test]
 fn the_scenarios_of_several_rooms_are_valid_and_run() {
     let folder = tempfile::tempdir().unwrap();
-    for name in ["two_rooms", "l_shape", "pillars", "four_rooms", "wall_gap", "plain", "doors"] {
+    for name in ["two_rooms", "l_shape", "pillars", "four_rooms", "wall_gap", "plain", "doors", "apartment", "office"] {
         let path = package_file(&format!("scenarios/{name}.toml"));
         let scenario = Scenario::load(&path, &[]).unwrap();
         let again = Scenario::parse(&scenario.text, Path::new("again.toml"), &[]).unwrap();
