@@ -20,11 +20,11 @@ use crate::value::{MapStep, ValueError};
 const SCATTERED: usize = 2000;
 const PLACES: usize = 8192;
 const UP_TO: (f64, f64) = (0.3, 0.05);
-/// Of what a goal that is not there has proved wrong, this share is anywhere; so many particles stand for that, and less than a little
-/// is nothing. In rooms that are alike, doubts without a cause would bring it into the one whose map fits a little better.
-const DOUBT: f64 = 0.1;
+/// Whatever is believed, with this probability the robot is anywhere; and of what a goal that is not there has proved wrong, this share
+/// is. So many particles stand for that.
+const DOUBT: f64 = 0.02;
+const REFUTED: f64 = 0.1;
 const DOUBTS: usize = 10;
-const LITTLE: f64 = 1e-3;
 /// Of so many states, others at each step.
 const DOUBTED: usize = 1024;
 /// A robot that expects what it sees by less than this (running mean of a logarithm) does not know where it is.
@@ -82,10 +82,8 @@ impl PlaceMap {
                 let told: Vec<(&GoalPlaces, bool)> = told.collect();
                 let told = belief.weigh(|pose| told.iter().map(|(goal, told)| goal.log_probability(pose, *told)).sum());
                 self.look(belief, seen, 0..0, (looks::KNOWN, told), &mut rng);
-                let doubt = DOUBT * (1.0 - told.exp());
-                if doubt > LITTLE {
-                    belief.doubt(doubt, self.scattered(seen, 0..0, (DOUBTED, DOUBTS), &mut rng).into_iter());
-                }
+                let doubt = DOUBT.max(REFUTED * (1.0 - told.exp()));
+                belief.doubt(doubt, self.scattered(seen, 0..0, (DOUBTED, DOUBTS), &mut rng).into_iter());
             }
         }
         belief.resample(&mut rng);

@@ -15,7 +15,8 @@
 //!
 //! # Doubt
 //! A cloud of poses that has settled in the wrong one of two rooms would stay there. So a little of it is always anywhere where such
-//! images were seen; and that no goal was found where one should be ([`GoalPlaces`]) makes it grow.
+//! images were seen; and that no goal was found where one should be ([`GoalPlaces`]) makes it grow. Doubt has its price: of rooms that are
+//! alike, robots believe now and then in the one whose map fits a little better.
 //!
 //! # Units
 //! Positions are in lengths of a move, headings in radians, counter-clockwise. The map is right up to a rotation and a shift,
