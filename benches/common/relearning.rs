@@ -57,7 +57,8 @@ impl Relearning {
         let poses = data::walk(n + 1);
         let actions: Vec<usize> = (0..n).map(|t| operations::turn(&poses, t)).collect();
         let reflexes = Reflexes::new(&scenario);
-        let after = |&action: &usize| reflexes.allowed(Recent::default().then(Action::DRIVE[action], false));
+        let set = &scenario.robot.actions;
+        let after = |&action: &usize| reflexes.allowed(Recent::default().then(Action::DRIVE[action], false, set));
         let reward = |goal: [f64; 2], radius: f64| {
             let inside = |pose: &[f64; 3]| (pose[0] - goal[0]).hypot(pose[1] - goal[1]) < radius;
             poses[1..].iter().map(|pose| if inside(pose) { 1.0 } else { 0.0 }).collect()

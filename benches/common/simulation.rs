@@ -56,7 +56,8 @@ impl Walker {
         let (mut x, mut links) = (Mat::zeros(d, n), Vec::with_capacity(n));
         while links.len() < n {
             let blocked = self.last.boundary.as_ref().is_some_and(|boundary| boundary.blocked);
-            let recent = self.last.action.map_or(Recent::default(), |action| Recent::default().then(action, blocked));
+            let after = |action| Recent::default().then(action, blocked, &scenario.robot.actions);
+            let recent = self.last.action.map_or(Recent::default(), after);
             let action = self.walk.choose(&self.last.sonar, reflexes, recent);
             let weight = if action == Action::FORWARD { scenario.slow.move_weight } else { 1.0 };
             let last = &mut self.last;

@@ -33,6 +33,9 @@ struct Passed {
     in_goal: Vec<Option<bool>>,
 }
 
+/// The same in a snapshot, by the frame of what was seen and the number of the action.
+type SavedPassed = (u64, Option<(usize, bool)>, Vec<Option<bool>>);
+
 impl Way {
     /// Before the first percept.
     pub fn new(scenario: &Scenario) -> Self {
@@ -88,8 +91,7 @@ impl Persist for Way {
             let came_by = of.came_by.map(|(action, blocked)| (action.index(), blocked));
             (seen.add(&of.observation), came_by, of.in_goal.clone())
         };
-        let mut percepts: Vec<(u64, Option<(usize, bool)>, Vec<Option<bool>>)> =
-            self.percepts.iter().map(passed).collect();
+        let mut percepts: Vec<SavedPassed> = self.percepts.iter().map(passed).collect();
         snapshot.value("percepts", &mut percepts)?;
         seen.persist(snapshot, self.values)?;
         if snapshot.is_restoring() {
