@@ -87,7 +87,8 @@ mod tests {
 
     #[test]
     fn what_is_hardly_known_is_said() {
-        let text = "[world]\ncorners = [[0.0, 0.0], [5.0, 5.0]]\n[[task]]\nname = \"there\"\ngoal = [1.0, 1.0]\n";
+        let text = "[[world.wall]]\npoints = [[0.0, 0.0], [3.0, 0.0], [3.0, 3.0], [0.0, 3.0]]\nclosed = true\n[[task]]\nname = \"there\"\n\
+                    goal = [1.0, 1.0]\n[robot]\nstart = [2.0, 2.0]\n";
         let scenario = Scenario::parse(text, Path::new("doubts.toml"), &[]).unwrap();
         let worth = |below: usize| [Mat::from_fn(200, 1, |j, _| if j < below { -1.0 } else { 1.0 })];
         let said = |window: &[TaskTransition], worths: &[Mat<f64>]| {
