@@ -8,7 +8,7 @@ use std::path::Path;
 use adagio::agent::read_checkpoint;
 use adagio::log::messages::{
     Decision, DictionaryGrowth, Evaluation, FrameTaken, GoalMoved, Health, Image, LaserScan, Log, ModelRequest,
-    ModelUpdate, Odometry, PolicyUpdate, PoseStamped, RunEnd, Transition, TwistStamped,
+    ModelUpdate, Odometry, PlaceBelief, PolicyUpdate, PoseStamped, RunEnd, Transition, TwistStamped,
 };
 use adagio::log::{Ending, LogReader, Message, Record, cdr, recover_into, topics};
 use adagio::scenario::Scenario;
@@ -85,6 +85,7 @@ pub fn cdr(bytes: &[u8]) {
     decode::<RunEnd>(bytes);
     decode::<Transition>(bytes);
     decode::<DictionaryGrowth>(bytes);
+    decode::<PlaceBelief>(bytes);
     decode::<ModelUpdate>(bytes);
     decode::<PolicyUpdate>(bytes);
     decode::<Evaluation>(bytes);
