@@ -307,9 +307,10 @@ impl Export<'_> {
         let written = failed(self.out);
         let mut transitions = Transitions::create(&self.table("transitions")?, tasks).map_err(&written)?;
         let mut decisions = Decisions::create(&self.table("decisions")?, actions).map_err(&written)?;
-        let told = scenario.value.places.then_some(());
-        let mut places =
-            told.map(|()| Places::create(&self.table("places")?, MOST_PLACES).map_err(&written)).transpose()?;
+        let mut places = match scenario.value.places {
+            true => Some(Places::create(&self.table("places")?, MOST_PLACES).map_err(&written)?),
+            false => None,
+        };
         let mut models = Models::create(&self.table("models")?, features).map_err(&written)?;
         let mut growth = Growth::create(&self.table("growth")?).map_err(&written)?;
         let mut accepted = Accepted::create(&self.table("accepted")?).map_err(&written)?;

@@ -23,6 +23,9 @@ const REPEATABLE: [&str; 11] = [
     topics::COMMAND.name(),
 ];
 
+/// Those that a decision gives: they have the stamp of what was decided on.
+const DECIDED: [&str; 3] = [topics::PLACES.name(), topics::DECISION.name(), topics::COMMAND.name()];
+
 /// One message of a recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Seen {
@@ -117,7 +120,7 @@ impl Expected {
     /// Begin in the middle: everything up to a time counts as repeated, with what was decided at that time left to come.
     pub fn skip_to(&mut self, stamp_ns: u64) {
         for (&name, topic) in &mut self.topics {
-            let decided = [topics::DECISION.name(), topics::COMMAND.name()].contains(&name);
+            let decided = DECIDED.contains(&name);
             let before = |seen: &Seen| seen.stamp_ns < stamp_ns || !decided && seen.stamp_ns == stamp_ns;
             topic.repeated = topic.messages.partition_point(before);
         }
@@ -206,6 +209,19 @@ mod tests {
         // Another stamp is a difference too.
         let mut expected = recording();
         assert_eq!(expected.meet(DECISION, 9, b"a"), Match::Differs);
+    }
+
+    #[test]
+    fn a_run_that_goes_on_decides_again_at_the_moment_that_it_goes_on_from() {
+        let mut expected = recording();
+        for topic in DECIDED.into_iter().chain([topics::FRAME.name()]) {
+            [2, 3].iter().for_each(|&stamp| expected.record(topic, stamp, b"b"));
+        }
+        expected.skip_to(2);
+        for topic in DECIDED {
+            assert_eq!(expected.meet(topic, 2, b"b"), Match::Recorded, "{topic}");
+        }
+        assert_eq!(expected.meet(topics::FRAME.name(), 3, b"b"), Match::Recorded);
     }
 
     #[test]

@@ -15,7 +15,7 @@ use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 
 /// All messages of a topic of a run.
-fn messages<M: Message>(run: &Path, topic: &str) -> Vec<M> {
+pub fn messages<M: Message>(run: &Path, topic: &str) -> Vec<M> {
     let mut found = Vec::new();
     for (_, path) in log_files(run).unwrap() {
         for record in LogReader::open(&path).unwrap() {
@@ -28,7 +28,7 @@ fn messages<M: Message>(run: &Path, topic: &str) -> Vec<M> {
     found
 }
 
-fn export(folder: &Path, arguments: &[&str]) -> Value {
+pub fn export(folder: &Path, arguments: &[&str]) -> Value {
     let output = adagio(folder, &[&["export"], arguments, &["--json"]].concat());
     assert!(output.status.success(), "{}", stderr(&output));
     serde_json::from_slice(&output.stdout).unwrap()

@@ -3,6 +3,8 @@
 use std::path::Path;
 
 use crate::common::{adagio, report, smoke_run, stderr, stdout};
+use crate::export::{export, messages};
+use adagio::log::messages::PlaceBelief;
 use adagio::log::{LogReader, Record};
 use serde_json::Value;
 
@@ -240,6 +242,12 @@ fn a_run_that_was_interrupted_goes_on_to_the_end_of_one_that_was_not() {
     let checkpoint = std::fs::read(folder.path().join("whole/checkpoint.safetensors")).unwrap();
     let (learned, _) = adagio::agent::read_checkpoint(&checkpoint, &folder.path().join("whole")).unwrap();
     assert!(learned.places.is_some_and(|map| map.poses().len() > 400), "few states have a place");
+    // Of each decision with places the export has a row.
+    let believed = messages::<PlaceBelief>(&folder.path().join("whole"), "/adagio/places");
+    assert!(believed.len() > 200 && believed.iter().all(|of| (0.0..=1.001).contains(&of.probabilities.iter().sum())));
+    assert!(believed.iter().all(|of| of.probabilities.is_sorted_by(|a, b| a >= b) && of.x.len() == of.y.len()));
+    let about = export(folder.path(), &["whole", "--out", "arrays"]);
+    assert_eq!(about["files"]["places.npz"]["probability"]["shape"], serde_json::json!([believed.len(), 8]));
     signalled(folder.path(), &actions, 500_000, "-INT");
     let run = folder.path().join("run");
     let frames = report(&run)["run"]["frames"].as_u64().unwrap();
@@ -292,6 +300,10 @@ fn a_run_that_was_killed_goes_on_from_the_last_state_that_was_kept() {
         assert_eq!(resumed["run"]["frames"], 5001);
         // The log of both parts gives the same, also from its beginning and without any state.
         assert_eq!(verify(folder.path(), "run")["digest"], resumed["digest"], "{mode}, {selection}");
+        let believed: Vec<u64> = messages::<PlaceBelief>(&run, "/adagio/places").iter().map(|of| of.frame).collect();
+        assert_eq!(believed.is_empty(), places == "false", "{mode}, {selection}");
+        // None is there twice, and none is missing.
+        assert!(believed.windows(2).all(|two| two[1] == two[0] + 5), "{believed:?}");
         if mode == "lockstep" {
             let whole = report(&smoke_run(folder.path(), "whole", &settings));
             assert_eq!(resumed["digest"], whole["digest"], "{selection}");

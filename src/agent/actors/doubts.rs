@@ -13,14 +13,19 @@ const UNCHANGED: f64 = 0.05;
 /// Share of the transitions that may be worth less than nothing.
 const BELOW: f64 = 0.5;
 
-/// Doubts about a window, and what its transitions are worth by task, `N × 1`; none where values are linear.
-pub fn doubts(scenario: &Scenario, window: &[TaskTransition], worths: &[Mat<f64>]) -> Vec<String> {
+/// Doubts about a window. `worths`: of local values, what its transitions are worth by task, `N × 1`; of others none.
+pub fn doubts<'a>(
+    scenario: &Scenario,
+    window: &[TaskTransition],
+    worths: impl Iterator<Item = &'a Mat<f64>>,
+) -> Vec<String> {
     let tasks = || scenario.tasks.iter().enumerate();
     let rare = tasks().filter(|(number, task)| !task.is_shown() && is_rare(window, *number));
     let rare = rare.map(|(_, task)| {
+        let larger = if task.goal.is_some() { ", or make its radius larger" } else { "" };
         format!(
-            "the goal of {:?} was met less than {RARELY} times in the window: what leads there is hardly known; explore longer \
-             (policy.explore_actions) or make its radius larger",
+            "the goal of {:?} was met less than {RARELY} times in the window, and what leads there is hardly known: explore longer \
+             (policy.explore_actions){larger}",
             task.name
         )
     });
@@ -38,9 +43,13 @@ pub fn doubts(scenario: &Scenario, window: &[TaskTransition], worths: &[Mat<f64>
 
 fn unworthy(task: &Task) -> String {
     let Task { name, reward, wall_reward, .. } = task;
+    let (goal, lost) = match task.topic {
+        Some(_) => ("rewards above 0 do".to_owned(), String::new()),
+        None => (format!("its goal (reward = {reward}) does"), format!(" near walls (wall_reward = {wall_reward})")),
+    };
     format!(
-        "most actions are worth less than nothing for {name:?}: its goal (reward = {reward}) does not outweigh what is lost on the way \
-         (wall_reward = {wall_reward}), and the robot rather stays where it is"
+        "most actions are worth less than nothing for {name:?}: {goal} not outweigh what is lost on the way{lost}, and far away the robot \
+         may rather stay where it is; give the goal more, or the way less"
     )
 }
 
@@ -92,7 +101,7 @@ mod tests {
         let scenario = Scenario::parse(text, Path::new("doubts.toml"), &[]).unwrap();
         let worth = |below: usize| [Mat::from_fn(200, 1, |j, _| if j < below { -1.0 } else { 1.0 })];
         let said = |window: &[TaskTransition], worths: &[Mat<f64>]| {
-            let said = doubts(&scenario, window, worths);
+            let said = doubts(&scenario, window, worths.iter());
             ["met less than 10 times", "worth less than nothing", "change nothing in the picture"]
                 .map(|text| said.iter().filter(|doubt| doubt.contains(text)).count())
         };

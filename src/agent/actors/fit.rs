@@ -92,9 +92,9 @@ impl FitPolicies {
                 }
             };
             let (fits, heedless) = fits;
-            let worths: Vec<Mat<f64>> =
-                if learned.as_ref().is_ok_and(|of| of.instances.is_some()) { weights_of(&fits) } else { Vec::new() };
-            notes.extend(doubts(&self.scenario, &request.window, &worths));
+            let is_local = self.scenario.value.method == Method::Local;
+            let worths = fits.iter().filter(|_| is_local).map(|fit| &fit.weights);
+            notes.extend(doubts(&self.scenario, &request.window, worths));
             let learned = learned.and_then(|learned| {
                 learned.with_heedless(heedless).for_goals(request.goals).with_regions(shown.map, shown.regions)
             });

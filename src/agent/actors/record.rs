@@ -302,7 +302,8 @@ impl Recorder {
         }
         let of = |part: fn(&(PlacePose, f64)) -> f64| decision.places.iter().map(part).collect();
         let places = msg::PlaceBelief {
-            header: msg::Header::new(stamp_ns, "map"),
+            // The frame of a map that the robot has made is no frame of others.
+            header: msg::Header::new(stamp_ns, ""),
             frame,
             probabilities: of(|place| place.1),
             x: of(|place| place.0.x),

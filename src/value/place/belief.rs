@@ -36,7 +36,7 @@ pub struct Belief {
 
 impl Belief {
     /// Where the robot may be: the most probable pose with all around it, then that of the others, and so on, at most `count`
-    /// of them until they make up `share`; and how probable each is.
+    /// of them until they make up `share`; and how probable each is, the most probable first.
     pub fn modes(&self, count: usize, share: f64) -> Vec<(Pose, f64)> {
         let (mut left, mut modes, mut told) = (self.particles.clone(), Vec::new(), 0.0);
         while modes.len() < count && told < share && !left.is_empty() {
@@ -45,6 +45,8 @@ impl Belief {
             told += around;
             modes.push((mode, around));
         }
+        // What lies around a pose may be more than around one that is more probable alone.
+        modes.sort_by(|a, b| b.1.total_cmp(&a.1));
         modes
     }
 
@@ -75,10 +77,13 @@ impl Belief {
         self.particles.iter_mut().for_each(|of| of.0 = noise.after(of.0, step, unit, rng));
     }
 
-    /// With so much probability it is elsewhere.
+    /// With so much probability it is elsewhere; where there is no elsewhere, it is where it was.
     pub(super) fn doubt(&mut self, probability: f64, elsewhere: impl ExactSizeIterator<Item = Pose>) {
+        if elsewhere.len() == 0 {
+            return;
+        }
         self.particles.iter_mut().for_each(|of| of.1 *= 1.0 - probability);
-        let share = probability / elsewhere.len().max(1) as f64;
+        let share = probability / elsewhere.len() as f64;
         self.particles.extend(elsewhere.map(|pose| (pose, share)));
     }
 
