@@ -15,7 +15,7 @@ mod trials;
 
 pub use decode::{PoseDecode, PoseError, decode_pose};
 pub use maps::{FEATURES, Fineness, Grid, HEADINGS, Map, RoomMaps, angle, features_of};
-pub use optimal::{Circle, optimal_steps};
+pub use optimal::{Circle, OptimalSteps};
 pub use reference::reference_action;
 pub use results::{Arrival, Avoided, TaskResult, WithoutReflexes};
 pub use spans::overlap;

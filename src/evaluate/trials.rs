@@ -8,7 +8,7 @@ use rand::RngExt;
 use rayon::prelude::*;
 
 use super::{Arrival, Avoided, Circle, TaskResult, WithoutReflexes, draw_pose, wilson_low};
-use crate::evaluate::{optimal_steps, reference_action};
+use crate::evaluate::{OptimalSteps, reference_action};
 use crate::policy::{Learned, Recent, Reflexes, columns, step_of};
 use crate::random::{fix_parallelism, stream};
 use crate::robot::{Action, ActionSet, ActionValues, Pose};
@@ -140,7 +140,8 @@ impl Evaluator {
         let starts: Vec<Pose> =
             (0..self.count).map(|_| draw_pose(plan, &cells, &mut rng, |position| in_goal(&task, position))).collect();
         let (arena, robot, most) = (&self.world.arena, &self.scenario.robot, self.scenario.evaluate.max_steps);
-        let optimal = starts.par_iter().map(|&pose| optimal_steps(arena, robot, &task, &avoid, pose, most)).collect();
+        let search = OptimalSteps::new(arena, robot, &task, &avoid, most);
+        let optimal = starts.par_iter().map(|&pose| search.from(pose)).collect();
         let mut course = TrialTask { task, avoid, starts, optimal, reference: 0.0 };
         course.reference = self.reference_success(&course);
         Arc::new(course)

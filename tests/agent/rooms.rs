@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use crate::common::{adagio, package_file, report, stderr};
 use crate::scenario::faults_of;
-use adagio::evaluate::optimal_steps;
+use adagio::evaluate::OptimalSteps;
 use adagio::robot::Pose;
 use adagio::scenario::Scenario;
 use adagio::world::World;
@@ -122,8 +122,8 @@ fn crossing_the_two_rooms_takes_45_moves() {
     let mut task = scenario.tasks[0].clone();
     (task.goal, task.radius) = (Some([13.75, 2.75]), 0.1);
     let start = Pose::new(Point2::new(0.25, 2.75), 0.0);
-    assert_eq!(optimal_steps(&world.arena, &scenario.robot, &task, &[], start, 100), Some(45));
-    assert_eq!(optimal_steps(&world.arena, &scenario.robot, &task, &[], start, 44), None);
+    let within = |most| OptimalSteps::new(&world.arena, &scenario.robot, &task, &[], most).from(start);
+    assert_eq!((within(100), within(44)), (Some(45), None));
 }
 
 #[test]

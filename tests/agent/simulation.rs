@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use crate::common::package_file;
 use adagio::agent::{RunOptions, Status, run};
-use adagio::evaluate::optimal_steps;
+use adagio::evaluate::OptimalSteps;
 use adagio::log::{Folder, LogOptions, LogReader, Record, Rotation, RunLog, topics};
 use adagio::random::stream;
 use adagio::robot::{Action, Pose};
@@ -358,17 +358,15 @@ fn what_vision_needs_has_the_exposure_of_the_full_image() {
 #[test]
 fn the_optimal_number_of_steps_is_that_of_simple_cases() {
     let (scenario, world) = lab(&[]);
-    let steps = |x: f64, y: f64, degrees: f64| {
-        let start = Pose::new(Point2::new(x, y), f64::to_radians(degrees));
-        optimal_steps(&world.arena, &scenario.robot, &scenario.tasks[0], &[], start, 50)
-    };
+    let search = OptimalSteps::new(&world.arena, &scenario.robot, &scenario.tasks[0], &[], 50);
+    let steps = |x: f64, y: f64, degrees: f64| search.from(Pose::new(Point2::new(x, y), f64::to_radians(degrees)));
     assert_eq!(steps(1.5, 0.9, 0.0), Some(0));
     // 0.7 m ahead: the goal begins 0.2 m before its centre.
     assert_eq!(steps(0.8, 0.9, 0.0), Some(2));
     assert_eq!(steps(0.8, 0.9, 90.0), Some(4));
     assert_eq!(steps(0.8, 0.9, 180.0), Some(6));
     let far = Pose::new(Point2::new(0.3, 0.3), 0.0);
-    assert_eq!(optimal_steps(&world.arena, &scenario.robot, &scenario.tasks[0], &[], far, 1), None);
+    assert_eq!(OptimalSteps::new(&world.arena, &scenario.robot, &scenario.tasks[0], &[], 1).from(far), None);
 }
 
 /// A robot of which nobody measures where it is.
