@@ -208,7 +208,7 @@ impl Transitions {
         let local = Local::new(&instances, points(&self.next).as_ref()).expect("valid ends");
         let rewards: Vec<f64> = order.iter().map(|&t| self.rewards[t]).collect();
         let (allowed, ended) = (vec![7; rewards.len()], vec![false; rewards.len()]);
-        let outcomes = LocalOutcomes { rewards: &rewards, allowed: &allowed, ended: &ended };
+        let outcomes = LocalOutcomes { rewards: &rewards, allowed: &allowed, ended: &ended, bounded: &ended };
         local.fit(&outcomes, 0.9).expect("valid outcomes")
     }
 }

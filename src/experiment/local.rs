@@ -21,6 +21,8 @@ pub struct Rule {
     pub ridge: f64,
     /// Whether rewards near walls count.
     pub walls: bool,
+    /// Whether they take at most half of what follows, as in the agent.
+    pub bounded: bool,
 }
 
 /// Where actions were tried, and what each transition is worth for each task.
@@ -49,13 +51,13 @@ pub fn values(
     let instances = Arc::new(Instances::new(points(|t| t.from)?, counts, options)?);
     let local = Local::new(&instances, points(|t| t.to)?.as_ref())?;
     let allowed: Vec<u32> = transitions.iter().map(|t| reflexes.allowed(t.recent)).collect();
-    let ended = vec![false; transitions.len()];
+    let (ended, bounded) = (vec![false; transitions.len()], vec![rule.bounded; transitions.len()]);
     let worth = |task: usize| {
         let mut rewards = walked.rewards(lab, task, &transitions);
         if !rule.walls {
             rewards.iter_mut().for_each(|reward| *reward = reward.max(0.0));
         }
-        let outcomes = LocalOutcomes { rewards: &rewards, allowed: &allowed, ended: &ended };
+        let outcomes = LocalOutcomes { rewards: &rewards, allowed: &allowed, ended: &ended, bounded: &bounded };
         Ok(local.fit(&outcomes, settings.gamma)?.weights)
     };
     let worths: Result<Vec<Mat<f64>>, ExperimentError> = (0..lab.scenario.tasks.len()).map(worth).collect();
@@ -70,7 +72,7 @@ pub struct PosePolicies {
 
 /// Local values over the true pose.
 pub fn of_pose(lab: &Lab, walked: &Walked, transitions: Vec<Transition>) -> Result<PosePolicies, ExperimentError> {
-    let rule = Rule { ridge: lab.scenario.value.local_ridge, walls: true };
+    let rule = Rule { ridge: lab.scenario.value.local_ridge, walls: true, bounded: true };
     let at = |frames: &[usize]| {
         let points: Vec<[f32; 4]> = frames.iter().map(|&frame| point(&walked.poses[frame])).collect();
         Ok(Mat::from_fn(4, points.len(), |i, j| points[j][i]))

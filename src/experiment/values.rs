@@ -50,10 +50,13 @@ pub enum Values {
     Pose,
     /// The default without rewards near walls.
     NoWalls,
+    /// The default with rewards near walls in full, however little follows.
+    Unbounded,
 }
 
 impl Values {
-    const ALL: [Values; 5] = [Values::Linear, Values::Means, Values::Local, Values::Pose, Values::NoWalls];
+    const ALL: [Values; 6] =
+        [Values::Linear, Values::Means, Values::Local, Values::Pose, Values::NoWalls, Values::Unbounded];
 
     fn name(self) -> &'static str {
         match self {
@@ -62,6 +65,7 @@ impl Values {
             Values::Local => "regressions on neighbours (default)",
             Values::Pose => "the same in the true pose",
             Values::NoWalls => "the default, walls not to be avoided",
+            Values::Unbounded => "the default, penalties in full",
         }
     }
 }
@@ -148,6 +152,7 @@ fn tried(
     let rule = local::Rule {
         ridge: if values == Values::Means { NO_SLOPES } else { settings.local_ridge },
         walls: values != Values::NoWalls,
+        bounded: values != Values::Unbounded,
     };
     let at = |frames: &[usize]| {
         let phi = trained.features_at(frames, bench)?;

@@ -44,7 +44,7 @@ impl Plan {
         if in_goal(task, position) {
             task.reward
         } else if self.clearance(position) < task.wall_distance {
-            task.wall_reward
+            task.reward * task.wall_reward
         } else {
             0.0
         }

@@ -56,6 +56,8 @@ const UNMOVED_SQUARES: std::ops::Range<f64> = 1e-12..1e12;
 /// Neighbours found in single precision are trusted where its rounding is at most this share of the squared distance of the last
 /// one; elsewhere they are searched again in double precision.
 const TRUSTED: f64 = 1.0 / 16.0;
+/// Share of what follows a transition that its penalty takes at most, where penalties are bounded.
+const PENALTY: f64 = 0.5;
 /// Values have settled when none changes by more than this share of the largest.
 const SETTLED: f64 = 1e-6;
 /// Sweeps until values must have settled, times `1 − γ`: what is left of the first ones then is e⁻²⁰.
@@ -381,6 +383,10 @@ pub struct LocalOutcomes<'a> {
     pub allowed: &'a [u32],
     /// Whether the episode ended with a transition, `N`: nothing follows it then.
     pub ended: &'a [bool],
+    /// Whether a transition's penalty, a reward below 0, is bounded, `N`: it then takes at most half of what follows, where that is
+    /// above 0. However small a goal's reward is, and however far it is, the way there is then worth more than to stay where nothing is
+    /// gained or lost; a penalty that is small beside what follows counts as it is.
+    pub bounded: &'a [bool],
 }
 
 /// Transitions whose ends know their neighbours: the part of the problem that tasks share.
@@ -441,7 +447,10 @@ impl<'a> Local<'a> {
                     return outcomes.rewards[i];
                 }
                 let (_, next) = self.best_after(outcomes, i, &worth);
-                (outcomes.rewards[i] + gamma * next).clamp(least, most)
+                let next = gamma * next;
+                let worth = outcomes.rewards[i] + next;
+                let worth = if outcomes.bounded[i] && next > 0.0 { worth.max((1.0 - PENALTY) * next) } else { worth };
+                worth.clamp(least, most)
             };
             let new: Vec<f64> = map_all(n, of);
             let size = new.iter().fold(0.0f64, |size, value| size.max(value.abs()));
@@ -511,8 +520,13 @@ impl<'a> Local<'a> {
         if actions > u32::BITS as usize {
             return Err(ValueError::AllowedBits(actions));
         }
-        let lengths =
-            [("rewards", outcomes.rewards.len()), ("allowed", outcomes.allowed.len()), ("ended", outcomes.ended.len())];
+        let LocalOutcomes { rewards, allowed, ended, bounded } = outcomes;
+        let lengths = [
+            ("rewards", rewards.len()),
+            ("allowed", allowed.len()),
+            ("ended", ended.len()),
+            ("bounded", bounded.len()),
+        ];
         for (what, found) in lengths {
             if found != n {
                 return Err(ValueError::Length { what, found, expected: n });
@@ -575,7 +589,7 @@ mod tests {
         // A single neighbour: the table itself.
         let instances = Instances::new(points, counts, LocalOptions { neighbours: 1, ridge: 1.0 }).unwrap();
         let local = Local::new(&instances, after.as_ref()).unwrap();
-        let outcomes = |ended| LocalOutcomes { rewards: &rewards, allowed: &[3; 22], ended };
+        let outcomes = |ended| LocalOutcomes { rewards: &rewards, allowed: &[3; 22], ended, bounded: &[false; 22] };
         let fit = local.fit(&outcomes(&[false; 22]), 0.9).unwrap();
         assert!(fit.converged);
         for x in 0..11 {
@@ -585,6 +599,37 @@ mod tests {
         let ended: Vec<bool> = rewards.iter().map(|&reward| reward > 0.0).collect();
         let fit = local.fit(&outcomes(&ended), 0.9).unwrap();
         assert!((fit.weights[(11 + 5, 0)] - 0.9f64.powi(4)).abs() < 1e-4);
+    }
+
+    #[test]
+    fn bounded_penalties_leave_the_way_to_a_goal_worth_going() {
+        let (points, after, counts, mut rewards) = corridor();
+        let instances = Instances::new(points, counts, LocalOptions { neighbours: 1, ridge: 1.0 }).unwrap();
+        let local = Local::new(&instances, after.as_ref()).unwrap();
+        let ended: Vec<bool> = rewards.iter().map(|&reward| reward > 0.0).collect();
+        // Going right costs something in the first half of the corridor, and a little at its end.
+        (0..5).for_each(|x| rewards[11 + x] = -2.0);
+        rewards[11 + 8] = -0.1;
+        let worth = |bounded: bool| {
+            let bounded = [bounded; 22];
+            let outcomes = LocalOutcomes { rewards: &rewards, allowed: &[3; 22], ended: &ended, bounded: &bounded };
+            local.fit(&outcomes, 0.9).unwrap().weights
+        };
+        let (bounded, plain) = (worth(true), worth(false));
+        for x in 0..11 {
+            let (left, right) = (bounded[(x, 0)], bounded[(11 + x, 0)]);
+            assert!(x > 8 || right > left && left > 0.0, "at {x}: left {left}, right {right}");
+        }
+        assert!(plain[(11, 0)] < -1.0 && plain[(0, 0)] <= 0.0);
+        let exact = |x: usize| 0.9f64.powi(9 - x as i32) - 0.1 * 0.9f64.powi(8 - x as i32);
+        assert_eq!(rewards[11 + 9], 1.0);
+        for x in 5..9 {
+            assert!((bounded[(11 + x, 0)] - exact(x)).abs() < 1e-9 && (plain[(11 + x, 0)] - exact(x)).abs() < 1e-9);
+        }
+        for x in 0..5 {
+            let halved = exact(5) * (0.5 * 0.9f64).powi(5 - x as i32);
+            assert!((bounded[(11 + x, 0)] - halved).abs() < 1e-9, "at {x}");
+        }
     }
 
     #[test]
@@ -601,7 +646,8 @@ mod tests {
         let instances = Instances::new(points, counts, OPTIONS).unwrap();
         assert!(Local::new(&instances, after.as_ref().subcols(0, 21)).is_err());
         let local = Local::new(&instances, after.as_ref()).unwrap();
-        let outcomes = LocalOutcomes { rewards: &rewards, allowed: &[0; 22], ended: &[false; 22] };
+        let never = [false; 22];
+        let outcomes = LocalOutcomes { rewards: &rewards, allowed: &[0; 22], ended: &never, bounded: &never };
         assert!(matches!(local.fit(&outcomes, 0.9), Err(ValueError::NothingAllowed { index: 0, actions: 2 })));
         assert!(local.fit(&LocalOutcomes { allowed: &[3; 22], ..outcomes }, 1.0).is_err());
         assert!(instances.action_values(&[&[0.0; 3]], after.as_ref()).is_err());

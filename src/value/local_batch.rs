@@ -116,7 +116,8 @@ impl LocalBatch {
         let instances = Instances::new(points(&self.from)?, counts.collect(), *options)?;
         let rewards: Vec<f64> = order.iter().map(|&t| self.rewards[t]).collect();
         let ended: Vec<bool> = order.iter().map(|&t| self.ended[t]).collect();
-        let outcomes = LocalOutcomes { rewards: &rewards, allowed: &vec![u32::MAX; self.len()], ended: &ended };
+        let (allowed, bounded) = (vec![u32::MAX; self.len()], vec![false; self.len()]);
+        let outcomes = LocalOutcomes { rewards: &rewards, allowed: &allowed, ended: &ended, bounded: &bounded };
         let local = Local::new(&instances, points(&self.to)?.as_ref())?;
         let fit = local.fit(&outcomes, gamma)?;
         let arrival = local.arrival(&outcomes, &fit)?;

@@ -131,7 +131,8 @@ fn the_optimal_way_around_a_corner_is_the_counted_one() {
     let (scenario, world) = two_rooms(&[]);
     let steps = |from: [f64; 2], degrees: f64, goal: [f64; 2]| {
         let task = adagio::scenario::Task { goal: Some(goal), radius: 0.16, ..scenario.tasks[0].clone() };
-        optimal_steps(&world.arena, &scenario.robot, &task, &[], Pose::new(from.into(), f64::to_radians(degrees)), 100)
+        let start = Pose::new(from.into(), f64::to_radians(degrees));
+        OptimalSteps::new(&world.arena, &scenario.robot, &task, &[], 100).from(start)
     };
     // Through the corridor, 20 moves of 0.30 m along its axis.
     assert_eq!(steps([4.0, 2.75], 0.0, [10.1, 2.75]), Some(20));

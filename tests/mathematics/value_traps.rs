@@ -49,7 +49,12 @@ impl Square {
         let instances = Instances::new(seen(&self.from), self.counts.clone(), options).unwrap();
         let local = Local::new(&instances, seen(&self.to).as_ref()).unwrap();
         let n = self.rewards.len();
-        let outcomes = LocalOutcomes { rewards: &self.rewards, allowed: &vec![15; n], ended: &vec![false; n] };
+        let outcomes = LocalOutcomes {
+            rewards: &self.rewards,
+            allowed: &vec![15; n],
+            ended: &vec![false; n],
+            bounded: &vec![false; n],
+        };
         let fit = local.fit(&outcomes, 0.9).unwrap();
         let worth: Vec<f64> = (0..n).map(|i| fit.weights[(i, 0)]).collect();
         let arrives = |start: usize| {
@@ -194,7 +199,12 @@ fn an_action_that_was_never_tried_is_not_worth_more_than_bad_ones() {
     let instances = Instances::new(points(&place), vec![places, places, 0], options).unwrap();
     let local = Local::new(&instances, points(&to).as_ref()).unwrap();
     for allowed in [0b111, 0b100] {
-        let outcomes = LocalOutcomes { rewards: &rewards, allowed: &vec![allowed; n], ended: &vec![false; n] };
+        let outcomes = LocalOutcomes {
+            rewards: &rewards,
+            allowed: &vec![allowed; n],
+            ended: &vec![false; n],
+            bounded: &vec![false; n],
+        };
         let fit = local.fit(&outcomes, 0.9).unwrap();
         let worth: Vec<f64> = (0..n).map(|i| fit.weights[(i, 0)]).collect();
         assert!(worth.iter().all(|value| (value + 10.0).abs() < 0.1), "{worth:?}");

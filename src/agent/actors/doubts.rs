@@ -42,14 +42,10 @@ pub fn doubts<'a>(
 }
 
 fn unworthy(task: &Task) -> String {
-    let Task { name, reward, wall_reward, .. } = task;
-    let (goal, lost) = match task.topic {
-        Some(_) => ("rewards above 0 do".to_owned(), String::new()),
-        None => (format!("its goal (reward = {reward}) does"), format!(" near walls (wall_reward = {wall_reward})")),
-    };
     format!(
-        "most actions are worth less than nothing for {name:?}: {goal} not outweigh what is lost on the way{lost}, and far away the robot \
-         may rather stay where it is; give the goal more, or the way less"
+        "most actions are worth less than nothing for {:?}: from there the window knows no way to its goal, or what is to be avoided costs \
+         more than the goal gives; explore longer (policy.explore_actions), or give what is to be avoided a reward nearer to 0",
+        task.name
     )
 }
 

@@ -123,7 +123,10 @@ impl FitPolicies {
             let outcomes: Vec<(f64, bool)> = sorted.iter().map(outcome).collect();
             let rewards: Vec<f64> = outcomes.iter().map(|outcome| outcome.0).collect();
             let ended: Vec<bool> = outcomes.iter().map(|outcome| task.absorbing && outcome.1).collect();
-            local.fit(&LocalOutcomes { rewards: &rewards, allowed: &allowed, ended: &ended }, settings.gamma)
+            // What is to be avoided is avoided at any cost.
+            let bounded: Vec<bool> = sorted.iter().map(|t| !heeds || shown.avoided(projected, t) == 0.0).collect();
+            let outcomes = LocalOutcomes { rewards: &rewards, allowed: &allowed, ended: &ended, bounded: &bounded };
+            local.fit(&outcomes, settings.gamma)
         };
         let tasks = || self.scenario.tasks.iter().enumerate();
         let fits: Result<Vec<Fit>, ValueError> = tasks().map(|task| fit(task, true)).collect();
@@ -440,7 +443,12 @@ impl Shown {
             true if there() => (task.reward, true),
             true => (0.0, false),
         };
-        (if heeds { reward + t.result.avoided + self.avoided[to] } else { reward }, there)
+        (if heeds { reward + self.avoided(projected, t) } else { reward }, there)
+    }
+
+    /// The reward of a transition for being where it is to be avoided: 0 elsewhere.
+    fn avoided(&self, projected: &Projection, t: &TaskTransition) -> f64 {
+        t.result.avoided + self.avoided[projected.place[&t.to.frame]]
     }
 }
 

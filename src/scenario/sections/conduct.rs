@@ -143,7 +143,8 @@ pub struct Task {
     /// Of rewards from outside: the topic on which the robot's own software publishes them. The goal area is then a pad on the
     /// floor of the simulation, which publishes 1 while the robot stands on it.
     pub topic: Option<String>,
-    /// Reward for an action that ends near a wall, outside the goal area; 0 where no pose says what the goal is.
+    /// Reward for an action that ends near a wall, outside the goal area, in units of [`Task::reward`]; 0 where no pose says
+    /// what the goal is.
     pub wall_reward: f64,
     /// Near a wall is closer than this, robot centre to wall, metres.
     pub wall_distance: f64,
@@ -305,7 +306,7 @@ impl Task {
         let radius = s.number("radius", radius, "m", Range::above(0.0, 1000.0), meaning);
         let (mut wall_reward, mut wall_distance) = (0.0, 0.0);
         if topic.is_none() && !shown {
-            let meaning = "for an action that ends near a wall, outside the goal area";
+            let meaning = "in units of reward, for an action that ends near a wall, outside the goal area";
             wall_reward = s.number("wall_reward", -0.3, "", Range::within(-1e6, 0.0), meaning);
             let meaning = "robot centre to wall that counts as near";
             wall_distance = s.number("wall_distance", 0.3, "m", Range::within(0.0, 1000.0), meaning);
