@@ -69,14 +69,14 @@ impl<'a> OptimalSteps<'a> {
             return Some(0);
         }
         let mut limit = self.left.steps(start.position)?;
-        while limit < self.most {
-            // A robot turns now and then: the way alone is never enough.
+        loop {
+            // A robot turns now and then: the way alone is hardly ever enough.
             limit = self.most.min(limit + limit / 5 + 4);
-            if let Some(steps) = self.within(start, limit) {
-                return Some(steps);
+            let steps = self.within(start, limit);
+            if steps.is_some() || limit == self.most {
+                return steps;
             }
         }
-        None
     }
 
     fn within(&self, start: Pose, limit: usize) -> Option<usize> {
