@@ -59,7 +59,7 @@ impl<'a> OptimalSteps<'a> {
         OptimalSteps { arena, robot, task, avoid, motions, left, most }
     }
 
-    /// The number from a pose, or `None` beyond the most.
+    /// The least number of actions from a pose, or `None` beyond the most.
     ///
     /// Poses are searched breadth first, those only from which the goal is near enough to arrive within a limit. The limit grows
     /// until the search arrives, so what it finds is what a search without a limit would. The lattice of poses is laid out from the start
@@ -130,7 +130,7 @@ struct WayLeft {
 impl WayLeft {
     /// Units of a step to a cell beside and across a corner: 7/5 stands for √2, and is less.
     const UNIT: [u32; 2] = [5, 7];
-    /// A way over cells is at most 1.078 times as long as the straight one, where walls leave it free (at 20.4°).
+    /// A way over cells is at most 1.0771 times as long as the straight one, where walls leave it free (√(1 + 0.4²), at 21.8°).
     const STRAIGHT: f64 = 0.92;
     /// Cells by which rounding places to them may lengthen a way.
     const ROUNDING: f64 = 2.0;

@@ -6,7 +6,8 @@
 //!
 //! `Q(x, a) = Σ_i w_i(x) Q_i` over the nearest transitions `i` with `a_i = a`, `Q_i = r_i + γ max_b Q(x′_i, b)`
 //!
-//! The weights depend on neither rewards nor policy: they are found once, and tasks share them.
+//! The weights depend on neither rewards nor policy: they are found once, and tasks share them. Where a penalty is bounded
+//! ([`LocalOutcomes::bounded`], a rule of our own) and what follows is worth more than 0, it takes at most half of that.
 //!
 //! # How to use it
 //! [`LocalBatch`](super::LocalBatch) takes transitions one by one and gives [`LocalValues`](super::LocalValues), with a greedy policy for any

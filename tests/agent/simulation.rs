@@ -105,6 +105,10 @@ fn rewards_are_those_of_the_goal_and_near_walls() {
     assert_eq!(reward(1, 2.4, 0.3), 1.0);
     assert_eq!(reward(1, 0.29, 0.9), -0.3);
     assert_eq!(reward(1, 0.31, 0.9), 0.0);
+    // Those near walls are in units of those of the goal.
+    let (scenario, world) = lab(&["task.0.reward=20", "task.0.wall_reward=-0.25"]);
+    let reward = |x: f64, y: f64| world.plan.reward(&scenario.tasks[0], Point2::new(x, y));
+    assert_eq!((reward(1.5, 0.9), reward(0.29, 0.9), reward(0.31, 0.9)), (20.0, -5.0, 0.0));
 }
 
 #[test]
@@ -366,7 +370,10 @@ fn the_optimal_number_of_steps_is_that_of_simple_cases() {
     assert_eq!(steps(0.8, 0.9, 90.0), Some(4));
     assert_eq!(steps(0.8, 0.9, 180.0), Some(6));
     let far = Pose::new(Point2::new(0.3, 0.3), 0.0);
-    assert_eq!(OptimalSteps::new(&world.arena, &scenario.robot, &scenario.tasks[0], &[], 1).from(far), None);
+    let one = OptimalSteps::new(&world.arena, &scenario.robot, &scenario.tasks[0], &[], 1);
+    assert_eq!(one.from(far), None);
+    // Straight ahead, and no action to spare.
+    assert_eq!(one.from(Pose::new(Point2::new(1.01, 0.9), 0.0)), Some(1));
 }
 
 /// A robot of which nobody measures where it is.
