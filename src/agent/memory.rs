@@ -1,5 +1,6 @@
 //! What a run will hold in memory, and what the machine has.
 
+use super::actors::fit::RARE;
 use super::actors::learn::stream_options;
 use crate::dictionary::WhenFull;
 use crate::scenario::{Method as Values, Scenario, SelectionRule};
@@ -19,12 +20,13 @@ use crate::slow::{Method, SlowStream, solve_bytes};
 /// | solver | [`solve_bytes`]: about `8m² + 48mk` |
 /// | models: in use, in trials, on their way (`w` of them wait for their frame) | `(6 + w) m(5d + 8k + 24·tasks)` |
 /// | linear values: the window, its features, policy iteration of `t` tasks side by side | `N(2d + (48 + 8t)(k + 1)) + (24 + 384t)(k + 1)²` |
-/// | local values: the window, its features, and of `n` neighbours and `p` coordinates the points and who is near | `N(2d + 8(k + 1) + 24p + 48n + 72 + 16·tasks)`, and `(6 + w) N(4p + 8·tasks)` for models |
-/// | places: the map of the window while it is made, and of models | `N(16p + 250)`, `6400 min(N, cells)`, `(6 + w) N(4p + 52)` |
+/// | local values: the window, its features, and of `n` neighbours and `p` coordinates the points and who is near | `N(2d + 8(k + 1)) + T(24p + 48n + 72 + 16·tasks)`, and `(6 + w) T(4p + 8·tasks)` for models |
+/// | places: the map of the window while it is made, and of models | `N(16p + 400)`, `(6 + w) T(4p + 150)` |
 /// | what is shown: the map of the window, and `M` marks of the scenario | `N(12p + 16n + 160 + 16(6 + w))`, `M(d + (6 + w)(4p + 16))` |
 /// | images in the queue | `3 · width · height` each |
 ///
-/// Where something is to be avoided, each task counts twice for local values. Marks that somebody makes while the run goes on are not
+/// `T`: transitions of local values, `2N` where an action has an inverse, which undoes others; otherwise `N`. Where something is to be
+/// avoided, each task counts twice for local values; exploration to rarely visited places counts as eight tasks more. Marks that somebody makes while the run goes on are not
 /// counted.
 ///
 /// Beside it stand the program and what the allocator keeps. Where the solver's iteration cannot find the features, its
@@ -60,6 +62,9 @@ impl Memory {
         let [p, neighbours] = [s.value.metric_features.min(features), s.value.neighbours].map(|size| size as u64);
         // Values are also fitted as if nothing was to be avoided.
         let fits = if s.avoids.is_empty() { tasks } else { 2 * tasks };
+        let fits = fits + if s.policy.directed_share > 0.0 { RARE as u64 } else { 0 };
+        let undoes = s.robot.actions.iter().any(|action| s.robot.actions.inverse(action).is_some());
+        let tried = if undoes { 2 * n } else { n };
         let of_shows = s.shows.iter().map(|show| (show.headings * s.robot.frames_per_action) as u64);
         let shown = match s.shows_any() {
             true => {
@@ -71,14 +76,14 @@ impl Memory {
         let values = match s.value.method {
             Values::Lspi => n * (2 * d + (48 + 8 * side_by_side) * k) + (24 + 384 * side_by_side) * k * k,
             Values::Local => {
-                let of_models = (6 + waiting) * n * (4 * p + 8 * fits);
-                n * (2 * d + 8 * k + 24 * p + 48 * neighbours + 72 + 16 * fits) + of_models
+                let of_models = (6 + waiting) * tried * (4 * p + 8 * fits);
+                n * (2 * d + 8 * k) + tried * (24 * p + 48 * neighbours + 72 + 16 * fits) + of_models
             }
         };
         let places = match s.value.method {
             Values::Local if s.value.places => {
                 // The map that is made, the best one so far, and those of the models: points, poses and cells.
-                n * (16 * p + 400) + (6 + waiting) * n * (4 * p + 150)
+                n * (16 * p + 400) + (6 + waiting) * tried * (4 * p + 150)
             }
             _ => 0,
         };

@@ -1,7 +1,6 @@
 //! What was learned: slow features and, for each task, the worth of each action.
 
 use std::cell::OnceCell;
-use std::ops::Range;
 use std::sync::Arc;
 
 use faer::{ColRef, Mat, MatRef, Par};
@@ -37,6 +36,9 @@ pub struct Learned {
     pub weights: Vec<Mat<f64>>,
     /// Weights that were fitted as if nothing was to be avoided, for comparison; none where nothing is.
     pub heedless: Vec<Mat<f64>>,
+    /// Of local values: what each transition is worth on the way to places that were rarely visited, `N × 1` each, for exploration. No part
+    /// of what is kept or evaluated.
+    pub rare: Vec<Mat<f64>>,
     /// Of local values: where actions were tried, in coordinates of the slowest features (`N` transitions).
     pub instances: Option<Arc<Instances>>,
     /// Centres of the goal areas that the weights were fitted for, by task, and behind them of what is to be avoided, where they
@@ -132,12 +134,34 @@ impl State<'_> {
     fn local(&self, points: &PixelPoints) -> &(Vec<ActionValues>, Option<[f64; 2]>) {
         self.local.get_or_init(|| {
             let (values, places) = match &self.learned.places {
-                Some(map) => (self.learned.values_by_places(map, self.point(points).col(0), self.places()), None),
-                None => self.learned.local_values(self.point(points), 0..self.learned.weights.len()),
+                Some(map) => (
+                    self.learned.values_by_places(map, self.point(points).col(0), self.places(), &self.learned.weights),
+                    None,
+                ),
+                None => self.learned.local_values(self.point(points), &self.learned.weights),
             };
             let of_actions = |q: &Mat<f64>| ActionValues::new(q.col(0).iter().copied());
             (values.iter().map(of_actions).collect(), places.map(|places| places[0]))
         })
+    }
+
+    /// How many rarely visited places it has values for.
+    pub fn rare_places(&self) -> usize {
+        self.learned.rare.len()
+    }
+
+    /// Values of actions on the way to a rarely visited place, by its number; `None` where there is none.
+    ///
+    /// # Panics
+    /// As [`Learned::q_values`].
+    pub fn rare_values(&self, number: usize) -> Option<ActionValues> {
+        let worth = self.learned.rare.get(number..=number)?;
+        let Values::Local(points) = &self.learned.values else { return None };
+        let values = match &self.learned.places {
+            Some(map) => self.learned.values_by_places(map, self.point(points).col(0), self.places(), worth),
+            None => self.learned.local_values(self.point(points), worth).0,
+        };
+        values.first().map(|values| ActionValues::new(values.col(0).iter().copied()))
     }
 
     fn point(&self, points: &PixelPoints) -> MatRef<'_, f32> {
@@ -194,7 +218,7 @@ impl Learned {
     ) -> Result<Self, PolicyError> {
         let values = Values::Linear(PixelValues::new(&model, &weights)?);
         let (goals, regions, map, map_points) = (Vec::new(), Vec::new(), None, None);
-        let (instances, heedless) = (None, Vec::new());
+        let (instances, heedless, rare) = (None, Vec::new(), Vec::new());
         Ok(Learned {
             epoch,
             asked_at,
@@ -202,6 +226,7 @@ impl Learned {
             model,
             weights,
             heedless,
+            rare,
             instances,
             goals,
             map,
@@ -249,6 +274,7 @@ impl Learned {
             model,
             weights: worth,
             heedless: Vec::new(),
+            rare: Vec::new(),
             instances: Some(instances),
             goals: Vec::new(),
             map: None,
@@ -267,6 +293,11 @@ impl Learned {
     /// The same, where goals were found at these places of its map, by task.
     pub fn with_goal_places(self, goals: Vec<GoalPlaces>) -> Self {
         Learned { places: self.places.map(|map| map.with_goals(goals)), ..self }
+    }
+
+    /// The same, with what transitions are worth on the way to rarely visited places.
+    pub fn with_rare(self, rare: Vec<Mat<f64>>) -> Self {
+        Learned { rare, ..self }
     }
 
     /// The same, with weights that were fitted as if nothing was to be avoided.
@@ -419,11 +450,11 @@ impl Learned {
                 let p = self.places.as_ref().map_or(instances.points().nrows(), |map| map.points().nrows());
                 let points = metric::points(&self.model, phi, p);
                 let Some(map) = &self.places else {
-                    return self.local_values(points.as_ref(), 0..self.weights.len()).0;
+                    return self.local_values(points.as_ref(), &self.weights).0;
                 };
                 let mut values = vec![Mat::zeros(self.actions(), points.ncols()); self.weights.len()];
                 for j in 0..points.ncols() {
-                    let of = self.values_by_places(map, points.col(j), &anywhere(map, points.col(j)));
+                    let of = self.values_by_places(map, points.col(j), &anywhere(map, points.col(j)), &self.weights);
                     values.iter_mut().zip(of).for_each(|(values, of)| values.col_mut(j).copy_from(of.col(0)));
                 }
                 values
@@ -439,32 +470,38 @@ impl Learned {
 
     /// Local values of all tasks, `actions × 1` each, where the robot may be, by how probable that is (Littman, Cassandra & Kaelbling
     /// 1995).
-    fn values_by_places(&self, map: &PlaceMap, seen: ColRef<'_, f32>, modes: &[(Pose, f64)]) -> Vec<Mat<f64>> {
+    fn values_by_places(
+        &self,
+        map: &PlaceMap,
+        seen: ColRef<'_, f32>,
+        modes: &[(Pose, f64)],
+        worths: &[Mat<f64>],
+    ) -> Vec<Mat<f64>> {
         let seen: Vec<f32> = seen.iter().copied().collect();
         let at: Vec<Vec<f32>> = modes.iter().map(|&(pose, _)| map.metric().point(&seen, pose)).collect();
         let at = Mat::from_fn(at.first().map_or(0, Vec::len), at.len(), |i, j| at[j][i]);
         let sum = modes.iter().map(|of| of.1).sum::<f64>();
         let shares = Mat::from_fn(modes.len(), 1, |j, _| modes[j].1 / sum);
         if modes.is_empty() {
-            return vec![Mat::zeros(self.actions(), 1); self.weights.len()];
+            return vec![Mat::zeros(self.actions(), 1); worths.len()];
         }
-        self.local_values(at.as_ref(), 0..self.weights.len()).0.iter().map(|values| values * &shares).collect()
+        self.local_values(at.as_ref(), worths).0.iter().map(|values| values * &shares).collect()
     }
 
     /// Local values of some tasks at points, and their places where there is a map; zeros and no places where a point is not finite,
     /// since nothing is near it.
-    fn local_values(&self, points: MatRef<'_, f32>, tasks: Range<usize>) -> (Vec<Mat<f64>>, Option<Vec<[f64; 2]>>) {
+    fn local_values(&self, points: MatRef<'_, f32>, worths: &[Mat<f64>]) -> (Vec<Mat<f64>>, Option<Vec<[f64; 2]>>) {
         // The column of a matrix of our own lies in one piece.
-        let worths = self.weights[tasks.clone()].iter();
-        let worths = worths.filter_map(|worth| Some(worth.as_ref().col(0).try_as_col_major()?.as_slice()));
+        let tasks = worths.len();
+        let worths = worths.iter().filter_map(|worth| Some(worth.as_ref().col(0).try_as_col_major()?.as_slice()));
         let map = self.map_of_values();
         let coordinates = map.iter().flat_map(|map| map.coordinates());
         let worths: Vec<&[f64]> = worths.chain(coordinates).collect();
         let values = self.instances.as_ref().and_then(|instances| instances.action_values(&worths, points).ok());
         let Some(mut values) = values else {
-            return (vec![Mat::zeros(self.actions(), points.ncols()); tasks.len()], None);
+            return (vec![Mat::zeros(self.actions(), points.ncols()); tasks], None);
         };
-        let found = values.split_off(tasks.len());
+        let found = values.split_off(tasks);
         let places = |map: &FloorMap| (0..points.ncols()).map(|j| map.place(&found, j)).collect();
         (values, map.map(places))
     }

@@ -1,6 +1,7 @@
 //! How the robot behaves: exploration, pursuit of a goal, and the reflexes between policy and wheels.
 
 mod behaviour;
+mod directed;
 mod learned;
 mod metric;
 mod pixel_values;
@@ -9,6 +10,7 @@ mod region;
 mod walk;
 
 pub use behaviour::{Behaviour, BehaviourSchedule, Goto, PursuitEnd, Tally};
+pub use directed::Directed;
 pub use learned::{Learned, MOST_PLACES, State, columns, step_of};
 pub use metric::points;
 pub use pixel_values::{PixelPoints, PixelValues, PolicyError};

@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use adagio::kernel::Kernel;
-use adagio::policy::{FloorMap, GoalRegion, Learned, PolicyError, Recent, Reflexes, columns};
+use adagio::policy::{Directed, FloorMap, GoalRegion, Learned, PolicyError, Recent, Reflexes, columns};
 use adagio::random::stream;
 use adagio::robot::{Action, ActionSet};
-use adagio::scenario::Vision;
+use adagio::scenario::{Scenario, Vision};
 use adagio::slow::{SlowError, SlowModel};
 use adagio::value::{Instances, LocalOptions};
 use adagio::vision::Image;
@@ -239,4 +239,32 @@ fn models_that_cannot_be_acted_on_are_refused() {
     assert!(matches!(error, PolicyError::Features(SlowError::Shape { .. })), "{error}");
     let four = vec![Mat::zeros(4, 3), Mat::zeros(4, 4)];
     assert_eq!(make(model(kernel, 4, 2, 3, 1), four), PolicyError::Actions { task: 1, actions: 4 });
+}
+
+/// Exploration goes to rarely visited places as often as it is told to, on the values for them; and walks on where it is there.
+#[test]
+fn exploration_goes_to_rarely_visited_places() {
+    let text = include_str!("../../scenarios/lab.toml");
+    let model = model(Kernel::gaussian(600.0).unwrap(), 147, 90, 25, 1);
+    let mut rng = stream(7, "worth");
+    let seen = observation(147, &mut rng);
+    let mut of_place = |least: f64| Mat::from_fn(600, 1, |_, _| rng.random_range(least..least + 0.01));
+    let tasks = vec![Mat::zeros(600, 1); 2];
+    let learned = Learned::local(1, 0, 0, model, instances(12, 200), tasks, None).unwrap();
+    let on_the_way = |share: f64, learned: &Learned| {
+        let set = [format!("policy.directed_share={share}")];
+        let scenario = Scenario::parse(text, "lab.toml".as_ref(), &set).unwrap();
+        let mut directed = Directed::new(&scenario, stream(1, "directed"));
+        let state = learned.state(&seen);
+        let length = scenario.policy.explore_length;
+        (0..400 * length).filter(|_| directed.values(Some(&state)).is_some()).count() as f64 / (400 * length) as f64
+    };
+    let far = learned.clone().with_rare(vec![of_place(0.3); 3]);
+    assert_eq!((on_the_way(1.0, &far), on_the_way(0.0, &far), on_the_way(1.0, &learned)), (1.0, 0.0, 0.0));
+    let half = on_the_way(0.5, &far);
+    assert!((half - 0.5).abs() < 0.08, "{half}");
+    // One action of each period, until it sees that it is there.
+    let there = on_the_way(1.0, &learned.with_rare(vec![of_place(0.95)]));
+    let scenario = Scenario::parse(text, "lab.toml".as_ref(), &[]).unwrap();
+    assert_eq!(there, 1.0 / scenario.policy.explore_length as f64);
 }

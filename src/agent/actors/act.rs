@@ -21,7 +21,7 @@ use crate::agent::runtime::marker::{Marker, Quiescence, SnapshotSettings};
 use crate::agent::runtime::queue::{Closed, Inbox, Outbox};
 use crate::agent::runtime::status::Status;
 use crate::agent::runtime::timing::ModelTiming;
-use crate::policy::{Behaviour, BehaviourSchedule, Learned, Recent, Reflexes, Tally, Walk};
+use crate::policy::{Behaviour, BehaviourSchedule, Directed, Learned, Recent, Reflexes, Tally, Walk};
 use crate::random::stream;
 use crate::robot::Action;
 use crate::scenario::{Body, Mode, Scenario, Task, Then};
@@ -36,6 +36,7 @@ pub struct Act {
     learned: Option<Arc<Learned>>,
     behaviour: BehaviourSchedule,
     walk: Walk,
+    directed: Directed,
     reflexes: Reflexes,
     way: Way,
     number: usize,
@@ -49,6 +50,7 @@ impl Act {
             learned: None,
             behaviour: BehaviourSchedule::new(scenario, stream(scenario.seed, "legs")),
             walk: Walk::new(scenario, stream(scenario.seed, "explore")),
+            directed: Directed::new(scenario, stream(scenario.seed, "directed")),
             reflexes: Reflexes::new(scenario),
             way: Way::new(scenario),
             number: 0,
@@ -58,6 +60,7 @@ impl Act {
     /// Act on what was learned from now on.
     pub fn install(&mut self, learned: Arc<Learned>) {
         self.way.find_again(&learned);
+        self.directed.begin();
         self.learned = Some(learned);
     }
 
@@ -76,11 +79,21 @@ impl Act {
         let (leg, ended) = self.behaviour.next(self.number, &in_goal, &able);
         let (action, q_values, reflex) = match (leg, &state) {
             (Behaviour::Pursue(task), Some(state)) => {
+                self.directed.begin();
                 let values = state.q_values(task);
                 let (action, reflex) = self.reflexes.best(&values, percept.recent);
                 (action, Some(values), reflex)
             }
-            _ => (self.walk.choose(&percept.sonar, self.reflexes, percept.recent), None, false),
+            (Behaviour::Explore, state) => match self.directed.values(state.as_ref()) {
+                Some(values) => {
+                    let (action, reflex) = self.reflexes.best(&values, percept.recent);
+                    (action, Some(values), reflex)
+                }
+                None => (self.walk.choose(&percept.sonar, self.reflexes, percept.recent), None, false),
+            },
+            (Behaviour::Pursue(_), None) => {
+                (self.walk.choose(&percept.sonar, self.reflexes, percept.recent), None, false)
+            }
         };
         self.number += 1;
         let places = state.as_ref().map_or(Vec::new(), |state| state.places().to_vec());
@@ -100,6 +113,7 @@ impl Persist for Act {
     fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
         snapshot.inner("behaviour", &mut self.behaviour)?;
         snapshot.inner("walk", &mut self.walk)?;
+        snapshot.inner("directed", &mut self.directed)?;
         snapshot.inner("way", &mut self.way)?;
         snapshot.value("number", &mut self.number)
     }
@@ -131,7 +145,8 @@ impl Persist for ActState {
         snapshot.value("without_model", &mut self.without_model)?;
         learned(snapshot, "learned", &mut self.learned)?;
         if let Some(learned) = self.learned.clone().filter(|_| snapshot.is_restoring()) {
-            self.act.install(learned);
+            self.act.way.find_again(&learned);
+            self.act.learned = Some(learned);
         }
         self.act.way.persist_belief(snapshot)?;
         let mut count = self.waiting.len();

@@ -12,13 +12,14 @@ use rayon::prelude::*;
 
 use super::doubts::doubts;
 use super::kernel_rows::KernelRows;
-use super::messages::{FitRequest, Item, Marked, TaskTransition, Update};
+use super::messages::{FitRequest, Item, Marked, TaskOutcomes, TaskTransition, Update};
 use super::record::{Level, Recorder};
 use crate::agent::runtime::clock::Clock;
 use crate::agent::runtime::queue::{Inbox, Outbox};
 use crate::agent::runtime::status::Status;
 use crate::gpu::Choice;
-use crate::policy::{FloorMap, GoalRegion, Learned, columns, points, step_of};
+use crate::policy::{FloorMap, GoalRegion, Learned, Recent, Reflexes, columns, points, step_of};
+use crate::random::stream;
 use crate::robot::ActionSet;
 use crate::scenario::{Body, Method, Robot, Scenario, Task};
 use crate::slow::{SlowError, SlowModel};
@@ -26,7 +27,7 @@ use crate::snapshot::{Persist, Snapshot, SnapshotError};
 use crate::value::place::{GoalPlaces, MotionNoise, PlaceMap, PlaceMetric, Pose};
 use crate::value::{
     Fit, Instances, Local, LocalOptions, LocalOutcomes, Lspi, LspiOptions, MapStep, MetricMap, Outcomes, Samples,
-    ValueError, balance, greedy,
+    ValueError, balance, greedy, rare_places,
 };
 use crate::vision::Observation;
 
@@ -49,6 +50,9 @@ pub struct FitPolicies {
 /// The fits of all tasks; and weights that were fitted as if nothing was to be avoided, where something is.
 type Fits = (Vec<Fit>, Vec<Mat<f64>>);
 
+/// Rarely visited places of each model.
+pub const RARE: usize = 8;
+
 impl FitPolicies {
     /// A fitter for the tasks of a scenario; its results do not depend on `par`.
     pub fn new(scenario: Arc<Scenario>, par: Par) -> Self {
@@ -64,13 +68,15 @@ impl FitPolicies {
     /// Policies for a new model. Nothing of an older model is used but where observations were: the whole window is projected again.
     pub fn step(&mut self, request: FitRequest) -> Update {
         let transitions = request.window.len();
+        let undone = undone(&self.scenario, &request.window);
         let fitted = request.model.and_then(|model| {
             let projected = Projection::new(&model, &request.window, &mut self.rows, self.par);
             let projected = projected.map_err(|error| error.to_string())?;
             let tried = match self.scenario.value.method {
                 Method::Lspi => None,
                 Method::Local => {
-                    let tried = Tried::new(&self.scenario, &model, &projected, &request.window, &mut self.poses);
+                    let tried =
+                        Tried::new(&self.scenario, &model, &projected, (&request.window, &undone), &mut self.poses);
                     Some(tried.map_err(|error| error.to_string())?)
                 }
             };
@@ -85,10 +91,11 @@ impl FitPolicies {
                     (Learned::new(epoch, asked_at, frames, model, weights_of(&fits.0)), fits)
                 }
                 Some(tried) => {
-                    let fits = self.fit_locally(&projected, &tried, &shown).map_err(|error| error.to_string())?;
+                    let (fits, rare) =
+                        self.fit_locally(&projected, &tried, &shown).map_err(|error| error.to_string())?;
                     let (weights, places, goals) = (weights_of(&fits.0), tried.places, tried.goals);
                     let learned = Learned::local(epoch, asked_at, frames, model, tried.instances, weights, places);
-                    (learned.map(|learned| learned.with_goal_places(goals)), fits)
+                    (learned.map(|learned| learned.with_goal_places(goals).with_rare(rare)), fits)
                 }
             };
             let (fits, heedless) = fits;
@@ -112,8 +119,13 @@ impl FitPolicies {
         Update { asked_at: request.asked_at, learned, fits, transitions, notes }
     }
 
-    /// Local values: what each transition is worth.
-    fn fit_locally(&self, projected: &Projection, tried: &Tried<'_>, shown: &Shown) -> Result<Fits, ValueError> {
+    /// Local values: what each transition is worth, for all tasks and on the way to rarely visited places.
+    fn fit_locally(
+        &self,
+        projected: &Projection,
+        tried: &Tried<'_>,
+        shown: &Shown,
+    ) -> Result<(Fits, Vec<Mat<f64>>), ValueError> {
         let settings = &self.scenario.value;
         let sorted = &tried.sorted;
         let local = Local::new(&tried.instances, tried.to.as_ref())?;
@@ -132,7 +144,18 @@ impl FitPolicies {
         let fits: Result<Vec<Fit>, ValueError> = tasks().map(|task| fit(task, true)).collect();
         let heedless: Result<Vec<Mat<f64>>, ValueError> =
             self.heedless().map(|task| Ok(fit(task, false)?.weights)).collect();
-        Ok((fits?, heedless?))
+        let rare = if self.scenario.policy.directed_share > 0.0 { RARE } else { 0 };
+        let rare =
+            rare_places(tried.to.as_ref(), rare, &mut stream(self.scenario.seed, &format!("rare {}", self.epoch)))?;
+        let on_the_way = |place: Vec<usize>| {
+            let (mut rewards, mut ended) = (vec![0.0; sorted.len()], vec![false; sorted.len()]);
+            place.into_iter().for_each(|number| (rewards[number], ended[number]) = (1.0, true));
+            let bounded = vec![true; sorted.len()];
+            let outcomes = LocalOutcomes { rewards: &rewards, allowed: &allowed, ended: &ended, bounded: &bounded };
+            Ok(local.fit(&outcomes, settings.gamma)?.weights)
+        };
+        let rare = rare.into_iter().map(on_the_way).collect::<Result<_, ValueError>>()?;
+        Ok(((fits?, heedless?), rare))
     }
 
     /// The tasks whose values are fitted a second time, as if nothing was to be avoided: all where something is.
@@ -260,15 +283,16 @@ struct Tried<'a> {
 }
 
 impl<'a> Tried<'a> {
-    /// `poses`: where observations lie, by frame, from the model before to this one.
+    /// `undone`: what counts beside the window's transitions. `poses`: where observations lie, by frame, from the model before to
+    /// this one.
     fn new(
         scenario: &Scenario,
         model: &SlowModel<f32>,
         projected: &Projection,
-        window: &'a [TaskTransition],
+        (window, undone): (&'a [TaskTransition], &'a [TaskTransition]),
         poses: &mut BTreeMap<u64, Pose>,
     ) -> Result<Self, ValueError> {
-        let mut sorted: Vec<&TaskTransition> = window.iter().collect();
+        let mut sorted: Vec<&TaskTransition> = window.iter().chain(undone).collect();
         sorted.sort_by_key(|t| t.action);
         let actions = &scenario.robot.actions;
         let mut points = points(model, projected.phi.as_ref(), scenario.value.metric_features);
@@ -298,6 +322,22 @@ impl<'a> Tried<'a> {
         let to = at(&|t| t.to.frame);
         Ok(Tried { sorted, instances, to, places, goals })
     }
+}
+
+/// What would have followed if an action had been undone by its inverse: the robot would be where it came from, and that is what the
+/// transition before had come to.
+fn undone(scenario: &Scenario, window: &[TaskTransition]) -> Vec<TaskTransition> {
+    let (actions, reflexes) = (&scenario.robot.actions, Reflexes::new(scenario));
+    let undo = |pair: &[TaskTransition]| {
+        let [before, t] = pair else { return None };
+        let follows = before.to.frame == t.from.frame && !t.result.blocked;
+        let inverse = actions.iter().nth(t.action).and_then(|action| actions.inverse(action)).filter(|_| follows)?;
+        let (from, to, cell) = (t.to.clone(), t.from.clone(), t.cell);
+        let allowed = reflexes.allowed(Recent::default().then(inverse, false, actions));
+        let result = TaskOutcomes { blocked: false, ..before.result.clone() };
+        Some(TaskTransition { from, action: inverse.index(), allowed, result, to, cell })
+    };
+    window.windows(2).filter_map(undo).collect()
 }
 
 fn column(matrix: &Mat<f32>, j: usize) -> Vec<f32> {
@@ -527,5 +567,36 @@ impl Projection {
             features.col_mut(j).copy_from(self.phi.col(place));
         }
         features
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_action_that_has_an_inverse_tells_two_transitions() {
+        let scenario = Scenario::parse(include_str!("../../../scenarios/lab.toml"), "lab.toml".as_ref(), &[]).unwrap();
+        let seen = |frame: u64| Arc::new(Observation { frame, pixels: Vec::new() });
+        let transition = |from: u64, to: u64, action: usize, blocked: bool| {
+            let result = TaskOutcomes { rewards: vec![to as f64], in_goal: vec![to == 2], avoided: 0.0, blocked };
+            TaskTransition { from: seen(from), action, allowed: 7, result, to: seen(to), cell: from as usize }
+        };
+        // Forward, left, right: a move is not undone, nor a turn whose beginning nobody knows, nor one that was blocked.
+        let window = [
+            transition(0, 1, 1, false),
+            transition(1, 2, 0, false),
+            transition(2, 3, 1, false),
+            transition(3, 4, 2, true),
+            transition(5, 6, 2, false),
+            transition(6, 7, 2, false),
+        ];
+        let undone = undone(&scenario, &window);
+        let told: Vec<_> = undone.iter().map(|t| (t.from.frame, t.action, t.to.frame, t.cell)).collect();
+        assert_eq!(told, [(3, 2, 2, 2), (7, 1, 6, 6)]);
+        // Where it comes to is what the action before had come to; it must not be undone in turn.
+        assert_eq!((undone[0].result.rewards[0], undone[0].result.in_goal[0]), (2.0, true));
+        assert_eq!(undone[1].result.in_goal[0], false);
+        assert_eq!(undone.iter().map(|t| t.allowed).collect::<Vec<_>>(), [0b101, 0b011]);
     }
 }

@@ -44,6 +44,13 @@ pub fn learned(snapshot: &mut Snapshot, name: &str, learned: &mut Option<Arc<Lea
         for (task, of_task) in heedless.iter_mut().enumerate() {
             snapshot.matrix(&format!("heedless.{task}"), of_task, |rows, columns| (rows, columns))?;
         }
+        let mut rare: Vec<Mat<f64>> = of.map_or(Vec::new(), |of| of.rare.clone());
+        let mut count = rare.len();
+        snapshot.value("rare", &mut count)?;
+        rare.resize_with(count, Mat::new);
+        for (number, of_place) in rare.iter_mut().enumerate() {
+            snapshot.matrix(&format!("rare.{number}"), of_place, |rows, columns| (rows, columns))?;
+        }
         let mut instances = of.and_then(|of| of.instances.clone());
         places(snapshot, &mut instances)?;
         let mut metric = of.and_then(|of| of.places.as_ref()).map(|map| map.metric().to_bits());
@@ -75,7 +82,8 @@ pub fn learned(snapshot: &mut Snapshot, name: &str, learned: &mut Option<Arc<Lea
                 ),
             };
             let goal = |bits: [u64; 2]| Some(bits.map(f64::from_bits)).filter(|goal| !goal[0].is_nan());
-            let restored = restored.map(|learned| learned.with_heedless(heedless).with_goal_places(goal_places));
+            let restored =
+                restored.map(|learned| learned.with_heedless(heedless).with_rare(rare).with_goal_places(goal_places));
             let restored = restored.map(|learned| learned.for_goals(goals.into_iter().map(goal).collect()));
             let restored = restored.and_then(|learned| learned.with_regions(map, regions));
             *learned = Some(Arc::new(restored.map_err(|cause| wrong("learned", cause))?));

@@ -11,6 +11,8 @@ pub struct Policy {
     pub pursue_share: f64,
     /// Length of a leg of exploration, actions.
     pub explore_length: usize,
+    /// Share of the legs of exploration that first go to a rarely visited place.
+    pub directed_share: f64,
     /// A pursuit gives up after this many actions.
     pub pursue_timeout: usize,
     /// Probability of *forward* in the random walk.
@@ -173,6 +175,13 @@ impl Policy {
                 "share of pursuits at the end of the run",
             ),
             explore_length: s.count("explore_length", 40, "actions", 1, 1_000_000, "length of a period of exploration"),
+            directed_share: s.number(
+                "directed_share",
+                0.5,
+                "",
+                Range::within(0.0, 1.0),
+                "local: share of the periods of exploration that begin with a way to a rarely visited place",
+            ),
             pursue_timeout: s.count("pursue_timeout", 40, "actions", 1, 1_000_000, "a pursuit is given up after"),
             forward_probability: s.number(
                 "forward_probability",
