@@ -26,8 +26,8 @@ use crate::slow::{Method, SlowStream, solve_bytes};
 /// | images in the queue | `3 · width · height` each |
 ///
 /// `T`: transitions of local values, `2N` where an action has an inverse, which undoes others; otherwise `N`. Where something is to be
-/// avoided, each task counts twice for local values; exploration to rarely visited places counts as eight tasks more. Marks that somebody makes while the run goes on are not
-/// counted.
+/// avoided, each task counts twice for local values; exploration to rarely visited places counts as eight tasks more. Marks that
+/// somebody makes while the run goes on are not counted.
 ///
 /// Beside it stand the program and what the allocator keeps. Where the solver's iteration cannot find the features, its
 /// dense reference takes `48m²` or, where the coordinates are redundant, `104m²` in its place; this is not counted.

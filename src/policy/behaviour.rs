@@ -10,7 +10,7 @@ use crate::snapshot::{Persist, Snapshot, SnapshotError};
 /// What the robot does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Behaviour {
-    /// Random walk.
+    /// Random walk, now and then after a way to a rarely visited place.
     Explore,
     /// The greedy policy of a task, by its number.
     Pursue(usize),

@@ -38,7 +38,7 @@ pub fn rare_places(points: MatRef<'_, f32>, count: usize, rng: &mut impl Rng) ->
         *squared.select_nth_unstable_by(near, f32::total_cmp).1
     };
     let mut squares: Vec<f32> = tell.iter().map(nearest).filter(|squared| *squared > 0.0).collect();
-    if squares.is_empty() {
+    if squares.is_empty() || count == 0 {
         return Ok(Vec::new());
     }
     let middle = squares.len() / 2;

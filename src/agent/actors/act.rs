@@ -77,24 +77,20 @@ impl Act {
             self.behaviour.send(goto);
         }
         let (leg, ended) = self.behaviour.next(self.number, &in_goal, &able);
-        let (action, q_values, reflex) = match (leg, &state) {
+        let values = match (leg, &state) {
             (Behaviour::Pursue(task), Some(state)) => {
                 self.directed.begin();
-                let values = state.q_values(task);
-                let (action, reflex) = self.reflexes.best(&values, percept.recent);
-                (action, Some(values), reflex)
+                Some(state.q_values(task))
             }
-            (Behaviour::Explore, state) => match self.directed.values(state.as_ref()) {
-                Some(values) => {
-                    let (action, reflex) = self.reflexes.best(&values, percept.recent);
-                    (action, Some(values), reflex)
-                }
-                None => (self.walk.choose(&percept.sonar, self.reflexes, percept.recent), None, false),
-            },
-            (Behaviour::Pursue(_), None) => {
-                (self.walk.choose(&percept.sonar, self.reflexes, percept.recent), None, false)
-            }
+            (Behaviour::Pursue(_), None) => None,
+            (Behaviour::Explore, state) => self.directed.values(state.as_ref()),
         };
+        let (action, reflex) = match &values {
+            Some(values) => self.reflexes.best(values, percept.recent),
+            None => (self.walk.choose(&percept.sonar, self.reflexes, percept.recent), false),
+        };
+        // Values of a decision are those of a task.
+        let q_values = values.filter(|_| leg != Behaviour::Explore);
         self.number += 1;
         let places = state.as_ref().map_or(Vec::new(), |state| state.places().to_vec());
         let epoch = self.learned.as_ref().map_or(0, |learned| learned.epoch);

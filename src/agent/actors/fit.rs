@@ -130,13 +130,15 @@ impl FitPolicies {
         let sorted = &tried.sorted;
         let local = Local::new(&tried.instances, tried.to.as_ref())?;
         let allowed: Vec<u32> = sorted.iter().map(|t| t.allowed).collect();
+        let avoided: Vec<f64> = sorted.iter().map(|t| shown.avoided(projected, t)).collect();
+        let unavoided: Vec<bool> = avoided.iter().map(|&avoided| avoided == 0.0).collect();
         let fit = |(number, task): (usize, &Task), heeds: bool| {
             let outcome = |t: &&TaskTransition| shown.outcome(projected, t, number, task, heeds);
             let outcomes: Vec<(f64, bool)> = sorted.iter().map(outcome).collect();
             let rewards: Vec<f64> = outcomes.iter().map(|outcome| outcome.0).collect();
             let ended: Vec<bool> = outcomes.iter().map(|outcome| task.absorbing && outcome.1).collect();
             // What is to be avoided is avoided at any cost.
-            let bounded: Vec<bool> = sorted.iter().map(|t| !heeds || shown.avoided(projected, t) == 0.0).collect();
+            let bounded: Vec<bool> = unavoided.iter().map(|&unavoided| !heeds || unavoided).collect();
             let outcomes = LocalOutcomes { rewards: &rewards, allowed: &allowed, ended: &ended, bounded: &bounded };
             local.fit(&outcomes, settings.gamma)
         };
@@ -148,10 +150,12 @@ impl FitPolicies {
         let rare =
             rare_places(tried.to.as_ref(), rare, &mut stream(self.scenario.seed, &format!("rare {}", self.epoch)))?;
         let on_the_way = |place: Vec<usize>| {
-            let (mut rewards, mut ended) = (vec![0.0; sorted.len()], vec![false; sorted.len()]);
-            place.into_iter().for_each(|number| (rewards[number], ended[number]) = (1.0, true));
-            let bounded = vec![true; sorted.len()];
-            let outcomes = LocalOutcomes { rewards: &rewards, allowed: &allowed, ended: &ended, bounded: &bounded };
+            let (mut rewards, mut ended) = (avoided.clone(), vec![false; sorted.len()]);
+            place.into_iter().for_each(|number| {
+                rewards[number] += 1.0;
+                ended[number] = true;
+            });
+            let outcomes = LocalOutcomes { rewards: &rewards, allowed: &allowed, ended: &ended, bounded: &unavoided };
             Ok(local.fit(&outcomes, settings.gamma)?.weights)
         };
         let rare = rare.into_iter().map(on_the_way).collect::<Result<_, ValueError>>()?;
