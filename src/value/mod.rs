@@ -29,6 +29,7 @@
 //! | what if it does not settle? | [`LspiOptions::mixing`], with a table of what helps at [`Lspi::fit`]; weights by [`balance`] |
 //! | what does learning on one's own path do? | [`Sarsa`], a counter-example |
 //! | what can be learned with no memory of the past at all? | [`StreamQ`], to compare with |
+//! | where to explore? | [`rare_places`]: states where few others lie, in any coordinates |
 //! | which transitions to keep, and how to weigh them? | [`Window`], [`balance`] |
 //! | what is the exact answer? | [`FiniteMdp`] and [`exact`], with [`worlds`] to try things on |
 //! | what of the thesis's outlook? | soft actions ([`maximiser_probabilities`]), the policy-dependent norm ([`closeness_weights`]), [`Smoothing`] |
@@ -38,7 +39,7 @@
 //!
 //! # Numerics
 //! All in `f64`, but for the points of local values ([`local`]). Products of [`Lspi`] have the same bits for any [`faer::Par`],
-//! and local values, soft actions ([`maximiser_probabilities`]) and everything that is told sample by sample ([`Sarsa`], [`StreamQ`],
+//! and local values, [`rare_places`], soft actions ([`maximiser_probabilities`]) and everything that is told sample by sample ([`Sarsa`], [`StreamQ`],
 //! [`LstdLambda`], [`Smoothing`]) for any number of threads. LU and singular values, with which [`lstd`], [`LstdLambda`], [`Lspi`] and
 //! [`solve_or_pseudo_inverse`] solve their equations, the products of [`lstd`], [`Fit::action_values`] and [`exact`], and the
 //! eigenvalues for soft actions follow faer's global setting, and may differ in their last bits with it: who compares bits calls
