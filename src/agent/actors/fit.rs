@@ -600,7 +600,7 @@ mod tests {
         assert_eq!(told, [(3, 2, 2, 2), (7, 1, 6, 6)]);
         // Where it comes to is what the action before had come to; it must not be undone in turn.
         assert_eq!((undone[0].result.rewards[0], undone[0].result.in_goal[0]), (2.0, true));
-        assert_eq!(undone[1].result.in_goal[0], false);
+        assert!(!undone[1].result.in_goal[0]);
         assert_eq!(undone.iter().map(|t| t.allowed).collect::<Vec<_>>(), [0b101, 0b011]);
     }
 }
