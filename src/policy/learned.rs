@@ -37,7 +37,7 @@ pub struct Learned {
     /// Weights that were fitted as if nothing was to be avoided, for comparison; none where nothing is.
     pub heedless: Vec<Mat<f64>>,
     /// Of local values: what each transition is worth on the way to places that were rarely visited, `N × 1` each, for exploration. No part
-    /// of what is kept or evaluated.
+    /// of checkpoints, digests and trials.
     pub rare: Vec<Mat<f64>>,
     /// Of local values: where actions were tried, in coordinates of the slowest features (`N` transitions).
     pub instances: Option<Arc<Instances>>,

@@ -19,7 +19,8 @@ pub(super) const AROUND: usize = 16;
 const AT_ONCE: usize = 128;
 
 /// `count` places in which few states lie, each as the numbers of some states next to each other. A state is the middle of one the more
-/// probably the fewer others are near, by the square of that. None where no two states differ.
+/// probably the fewer others are near, by the square of that. None where no two states differ, or distances are beyond what `f32` holds.
+/// Coordinates should have their mean near 0: distances are found from products, in single precision.
 ///
 /// # Shapes
 /// `points: p × n`: the nearer the more alike.
@@ -52,6 +53,10 @@ pub fn rare_places(points: MatRef<'_, f32>, count: usize, rng: &mut impl Rng) ->
     let density = map_all(n.div_ceil(AT_ONCE), of_block).into_iter().flatten();
     let weights: Vec<f64> = density.map(|density| (1.0 + density).powi(-2)).collect();
     let sum = weights.iter().sum::<f64>();
+    // Squares of distances that `f32` cannot hold tell nothing.
+    if !(sum > 0.0 && width.is_finite()) {
+        return Ok(Vec::new());
+    }
     let place = |_| {
         let mut left = rng.random_range(0.0..sum);
         let chosen = weights.iter().position(|weight| {
@@ -116,6 +121,9 @@ mod tests {
         }
         let two = Mat::from_fn(1, 2, |_, j| j as f32);
         assert_eq!(rare_places(two.as_ref(), 2, &mut rng()), Ok(vec![vec![0, 1]; 2]));
+        for far in [1e20, f32::MAX] {
+            assert_eq!(rare_places(Mat::from_fn(1, 2, |_, j| far * j as f32).as_ref(), 2, &mut rng()), Ok(Vec::new()));
+        }
         assert!(rare_places(Mat::full(1, 2, f32::NAN).as_ref(), 1, &mut rng()).is_err());
     }
 }

@@ -509,7 +509,7 @@ fn assert_told(output: &Output, parts: &[&str]) {
 fn a_log_file_that_cannot_grow_is_followed_by_another_and_nothing_is_lost() {
     in_folder(|folder| {
         let (digest, _) = uninterrupted(folder);
-        let output = limited(folder, 250_000, &arguments("limited", &["log.flush_seconds=0.02"]));
+        let output = limited(folder, 300_000, &arguments("limited", &["log.flush_seconds=0.02"]));
         let text = stderr(&output);
         assert_eq!(output.status.code(), Some(0), "{text}");
         assert!(text.contains("warning: writing the log limited/run_000.mcap failed"), "{text}");

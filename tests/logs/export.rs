@@ -132,7 +132,10 @@ fn numpy_reads_what_the_log_holds() {
     );
     // Points are rounded to 32 bits, here from numbers that differ in their last bits.
     assert!(off("features_off") < 1e-9 && off("values_off") < 1e-4 * off("largest_value"));
-    assert_eq!(about["files"]["model.npz"]["worth"]["shape"], json!([400, 2]));
+    // Of 400 actions those that have an inverse are told twice.
+    let shape = |name: &str| about["files"]["model.npz"][name]["shape"].clone();
+    let told = shape("instances")[0].as_u64().unwrap();
+    assert!((500..800).contains(&told) && shape("worth") == json!([told, 2]), "{told}");
 
     // Linear values, too.
     smoke_run(folder.path(), "linear", &["--set", "value.method=lspi"]);

@@ -68,13 +68,14 @@ impl FitPolicies {
     /// Policies for a new model. Nothing of an older model is used but where observations were: the whole window is projected again.
     pub fn step(&mut self, request: FitRequest) -> Update {
         let transitions = request.window.len();
-        let undone = undone(&self.scenario, &request.window);
         let fitted = request.model.and_then(|model| {
+            let undone;
             let projected = Projection::new(&model, &request.window, &mut self.rows, self.par);
             let projected = projected.map_err(|error| error.to_string())?;
             let tried = match self.scenario.value.method {
                 Method::Lspi => None,
                 Method::Local => {
+                    undone = undo_all(&self.scenario, &request.window);
                     let tried =
                         Tried::new(&self.scenario, &model, &projected, (&request.window, &undone), &mut self.poses);
                     Some(tried.map_err(|error| error.to_string())?)
@@ -149,16 +150,16 @@ impl FitPolicies {
         let rare = if self.scenario.policy.directed_share > 0.0 { RARE } else { 0 };
         let rare =
             rare_places(tried.to.as_ref(), rare, &mut stream(self.scenario.seed, &format!("rare {}", self.epoch)))?;
+        let without_avoided =
+            |place: Vec<usize>| place.into_iter().filter(|&number| unavoided[number]).collect::<Vec<_>>();
         let on_the_way = |place: Vec<usize>| {
             let (mut rewards, mut ended) = (avoided.clone(), vec![false; sorted.len()]);
-            place.into_iter().for_each(|number| {
-                rewards[number] += 1.0;
-                ended[number] = true;
-            });
+            place.into_iter().for_each(|number| (rewards[number], ended[number]) = (1.0, true));
             let outcomes = LocalOutcomes { rewards: &rewards, allowed: &allowed, ended: &ended, bounded: &unavoided };
             Ok(local.fit(&outcomes, settings.gamma)?.weights)
         };
-        let rare = rare.into_iter().map(on_the_way).collect::<Result<_, ValueError>>()?;
+        let rare = rare.into_iter().map(without_avoided).filter(|place| !place.is_empty());
+        let rare = rare.map(on_the_way).collect::<Result<_, ValueError>>()?;
         Ok(((fits?, heedless?), rare))
     }
 
@@ -329,13 +330,18 @@ impl<'a> Tried<'a> {
 }
 
 /// What would have followed if an action had been undone by its inverse: the robot would be where it came from, and that is what the
-/// transition before had come to.
-fn undone(scenario: &Scenario, window: &[TaskTransition]) -> Vec<TaskTransition> {
+/// transition before had come to. Nothing is known where a program has rewarded that, as it may have rewarded the action and not the
+/// place, nor where the picture has not changed: something may have stopped the robot without a word. Cells are of the state behind, as
+/// linear values alone ask for them, and they know no such transitions.
+fn undo_all(scenario: &Scenario, window: &[TaskTransition]) -> Vec<TaskTransition> {
     let (actions, reflexes) = (&scenario.robot.actions, Reflexes::new(scenario));
     let undo = |pair: &[TaskTransition]| {
         let [before, t] = pair else { return None };
-        let follows = before.to.frame == t.from.frame && !t.result.blocked;
-        let inverse = actions.iter().nth(t.action).and_then(|action| actions.inverse(action)).filter(|_| follows)?;
+        let follows = before.to.frame == t.from.frame && !t.result.blocked && t.from.pixels != t.to.pixels;
+        let rewards = scenario.tasks.iter().zip(&before.result.rewards);
+        let rewarded = rewards.into_iter().any(|(task, &reward)| task.topic.is_some() && reward != 0.0);
+        let inverse = actions.iter().nth(t.action).and_then(|action| actions.inverse(action));
+        let inverse = inverse.filter(|_| follows && !rewarded)?;
         let (from, to, cell) = (t.to.clone(), t.from.clone(), t.cell);
         let allowed = reflexes.allowed(Recent::default().then(inverse, false, actions));
         let result = TaskOutcomes { blocked: false, ..before.result.clone() };
@@ -581,12 +587,14 @@ mod tests {
     #[test]
     fn an_action_that_has_an_inverse_tells_two_transitions() {
         let scenario = Scenario::parse(include_str!("../../../scenarios/lab.toml"), "lab.toml".as_ref(), &[]).unwrap();
-        let seen = |frame: u64| Arc::new(Observation { frame, pixels: Vec::new() });
+        let seen = |frame: u64| Arc::new(Observation { frame, pixels: vec![frame.min(9) as u8] });
         let transition = |from: u64, to: u64, action: usize, blocked: bool| {
-            let result = TaskOutcomes { rewards: vec![to as f64], in_goal: vec![to == 2], avoided: 0.0, blocked };
+            let rewards = vec![to as f64, 0.0];
+            let result = TaskOutcomes { rewards, in_goal: vec![to == 2, false], avoided: -(to as f64), blocked };
             TaskTransition { from: seen(from), action, allowed: 7, result, to: seen(to), cell: from as usize }
         };
-        // Forward, left, right: a move is not undone, nor a turn whose beginning nobody knows, nor one that was blocked.
+        // Forward, left, right: a move is not undone, nor a turn whose beginning nobody knows, nor one that was blocked, nor one that
+        // changes nothing in the picture.
         let window = [
             transition(0, 1, 1, false),
             transition(1, 2, 0, false),
@@ -594,13 +602,30 @@ mod tests {
             transition(3, 4, 2, true),
             transition(5, 6, 2, false),
             transition(6, 7, 2, false),
+            transition(7, 8, 0, true),
+            transition(8, 9, 1, false),
+            transition(9, 10, 1, false),
         ];
-        let undone = undone(&scenario, &window);
-        let told: Vec<_> = undone.iter().map(|t| (t.from.frame, t.action, t.to.frame, t.cell)).collect();
-        assert_eq!(told, [(3, 2, 2, 2), (7, 1, 6, 6)]);
+        let undone = undo_all(&scenario, &window);
+        let told: Vec<_> = undone.iter().map(|t| (t.from.frame, t.action, t.to.frame)).collect();
+        assert_eq!(told, [(3, 2, 2), (7, 1, 6), (9, 2, 8)]);
         // Where it comes to is what the action before had come to; it must not be undone in turn.
         assert_eq!((undone[0].result.rewards[0], undone[0].result.in_goal[0]), (2.0, true));
-        assert!(!undone[1].result.in_goal[0]);
-        assert_eq!(undone.iter().map(|t| t.allowed).collect::<Vec<_>>(), [0b101, 0b011]);
+        assert!(!undone[1].result.in_goal[0] && undone[1].result.avoided == -6.0);
+        // The move before the last of them was blocked, the turn is not.
+        assert!(undone.iter().all(|t| !t.result.blocked));
+        assert_eq!(undone.iter().map(|t| t.allowed).collect::<Vec<_>>(), [0b101, 0b011, 0b101]);
+        // Where a program gives the reward, it may have been for the action before.
+        let text = format!(
+            "{}\n[[task]]\nname = \"dock\"\nreward = \"topic\"\ntopic = \"/dock\"\n",
+            include_str!("../../../scenarios/lab.toml")
+        );
+        let scenario = Scenario::parse(&text, "lab.toml".as_ref(), &[]).unwrap();
+        let rewarded = |at: u64| {
+            let mut window = window.clone();
+            window.iter_mut().for_each(|t| t.result.rewards = vec![0.0, 0.0, if t.to.frame == at { 0.5 } else { 0.0 }]);
+            undo_all(&scenario, &window).iter().map(|t| t.to.frame).collect::<Vec<u64>>()
+        };
+        assert_eq!((rewarded(1), rewarded(6)), (vec![2, 6, 8], vec![2, 8]));
     }
 }

@@ -53,6 +53,8 @@ pub fn learned(snapshot: &mut Snapshot, name: &str, learned: &mut Option<Arc<Lea
         }
         let mut instances = of.and_then(|of| of.instances.clone());
         places(snapshot, &mut instances)?;
+        let fits = |of: &Mat<f64>| (instances.as_ref().map_or(0, |of| of.len()), 1) == (of.nrows(), of.ncols());
+        snapshot.check("rare", rare.iter().all(fits), "of other transitions")?;
         let mut metric = of.and_then(|of| of.places.as_ref()).map(|map| map.metric().to_bits());
         snapshot.value("place_metric", &mut metric)?;
         let mut goal_places = of.and_then(|of| of.places.as_ref()).map_or(Vec::new(), |map| map.goals().to_vec());
