@@ -14,7 +14,7 @@ const TELL: usize = 256;
 /// The width is as far as the so many nearest of these mostly are.
 const NEAR: usize = 4;
 /// A place is a state and so many that are nearest to it.
-pub(super) const AROUND: usize = 16;
+const AROUND: usize = 16;
 /// States whose distances are found in one product.
 const AT_ONCE: usize = 128;
 
@@ -27,6 +27,9 @@ const AT_ONCE: usize = 128;
 ///
 /// # Errors
 /// Values that are not finite.
+///
+/// # Reference
+/// Rarity by the number of states that are alike: Tang et al. 2017. The square of it is of our own.
 pub fn rare_places(points: MatRef<'_, f32>, count: usize, rng: &mut impl Rng) -> Result<Vec<Vec<usize>>, ValueError> {
     finite_points("points", points)?;
     let n = points.ncols();

@@ -38,19 +38,9 @@ pub fn learned(snapshot: &mut Snapshot, name: &str, learned: &mut Option<Arc<Lea
             }
         }
         let mut heedless: Vec<Mat<f64>> = of.map_or(Vec::new(), |of| of.heedless.clone());
-        let mut count = heedless.len();
-        snapshot.value("heedless", &mut count)?;
-        heedless.resize_with(count, Mat::new);
-        for (task, of_task) in heedless.iter_mut().enumerate() {
-            snapshot.matrix(&format!("heedless.{task}"), of_task, |rows, columns| (rows, columns))?;
-        }
+        matrices(snapshot, "heedless", &mut heedless)?;
         let mut rare: Vec<Mat<f64>> = of.map_or(Vec::new(), |of| of.rare.clone());
-        let mut count = rare.len();
-        snapshot.value("rare", &mut count)?;
-        rare.resize_with(count, Mat::new);
-        for (number, of_place) in rare.iter_mut().enumerate() {
-            snapshot.matrix(&format!("rare.{number}"), of_place, |rows, columns| (rows, columns))?;
-        }
+        matrices(snapshot, "rare", &mut rare)?;
         let mut instances = of.and_then(|of| of.instances.clone());
         places(snapshot, &mut instances)?;
         let fits = |of: &Mat<f64>| (instances.as_ref().map_or(0, |of| of.len()), 1) == (of.nrows(), of.ncols());
@@ -289,4 +279,15 @@ impl Observations {
         }
         Ok(())
     }
+}
+
+/// Any number of matrices.
+fn matrices(snapshot: &mut Snapshot, name: &str, of: &mut Vec<Mat<f64>>) -> Result<(), SnapshotError> {
+    let mut count = of.len();
+    snapshot.value(name, &mut count)?;
+    of.resize_with(count, Mat::new);
+    let mut numbered = of.iter_mut().enumerate();
+    numbered.try_for_each(|(number, matrix)| {
+        snapshot.matrix(&format!("{name}.{number}"), matrix, |rows, columns| (rows, columns))
+    })
 }
