@@ -25,7 +25,8 @@ use crate::slow::{Method, SlowStream, solve_bytes};
 /// | what is shown: the map of the window, and `M` marks of the scenario | `N(12p + 16n + 160 + 16(6 + w))`, `M(d + (6 + w)(4p + 16))` |
 /// | images in the queue | `3 · width · height` each |
 ///
-/// `T`: transitions of local values, `2N` where an action has an inverse, which undoes others; otherwise `N`. Where something is to be
+/// `T`: transitions of local values, `N`, and as many for each turn where places are told; else `2N` where an action has an inverse, which
+/// undoes others. Where something is to be
 /// avoided, each task counts twice for local values; exploration to rarely visited places counts as eight tasks more. Marks that
 /// somebody makes while the run goes on are not counted.
 ///
@@ -64,7 +65,8 @@ impl Memory {
         let fits = if s.avoids.is_empty() { tasks } else { 2 * tasks };
         let fits = fits + if s.policy.directed_share > 0.0 { RARE as u64 } else { 0 };
         let undoes = s.robot.actions.iter().any(|action| s.robot.actions.inverse(action).is_some());
-        let tried = if undoes { 2 * n } else { n };
+        let turns = s.robot.actions.iter().filter(|&action| !s.robot.actions.advances(action)).count() as u64;
+        let tried = n * (1 + if s.value.places { turns.max(u64::from(undoes)) } else { u64::from(undoes) });
         let of_shows = s.shows.iter().map(|show| (show.headings * s.robot.frames_per_action) as u64);
         let shown = match s.shows_any() {
             true => {

@@ -19,6 +19,9 @@ const CACHE: &str = "cache";
 pub fn experiment(args: &ExperimentArgs, stop: &AtomicBool) -> Result<(), Ending> {
     let Some(name) = &args.name else { return list(args.json) };
     let experiment = experiment::find(name).map_err(Ending::usage)?;
+    if args.world.is_some() && name != "worlds" {
+        return Err(Ending::usage(format!("--world: the experiment {name} has one world; only worlds has several")));
+    }
     let size = match (args.quick, args.smoke) {
         (_, true) => Size::Smoke,
         (true, _) => Size::Quick,
@@ -29,6 +32,7 @@ pub fn experiment(args: &ExperimentArgs, stop: &AtomicBool) -> Result<(), Ending
         size,
         vectors: args.vectors,
         seeds: args.seeds.clone(),
+        world: args.world.clone(),
         par: args
             .threads
             .map_or(Par::rayon(0), |threads| if threads == 1 { Par::Seq } else { Par::rayon(threads.into()) }),

@@ -34,6 +34,7 @@ use std::sync::atomic::AtomicBool;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
+use crate::experiment::worlds;
 use crate::live::serve::parse_address;
 
 /// How a command ended, if not as it should.
@@ -404,6 +405,9 @@ pub struct ExperimentArgs {
     /// Seeds from A to B, both included: bands over them; or one seed.
     #[arg(long, value_name = "A..B", default_value = "11", value_parser = experiment::seeds)]
     pub seeds: std::ops::RangeInclusive<u64>,
+    /// Of the experiment worlds: one world alone, the name of its scenario.
+    #[arg(long, value_name = "NAME", value_parser = clap::builder::PossibleValuesParser::new(worlds::names()))]
+    pub world: Option<String>,
     /// Folder for tables and plots, which must not exist yet [default: a new one under experiments/NAME/].
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,

@@ -6,7 +6,7 @@ use std::hash::{BuildHasherDefault, Hasher};
 
 use nalgebra::{Point2, Vector2};
 
-use crate::robot::Pose;
+use crate::robot::{Action, Pose};
 use crate::scenario::{Robot, Task, distance_to_segment, in_goal};
 use crate::world::{Arena, FrameMotion, drive};
 
@@ -77,6 +77,21 @@ impl<'a> OptimalSteps<'a> {
                 return steps;
             }
         }
+    }
+
+    /// The first action of a shortest way from a pose, the first one of several; `None` where there is none.
+    pub fn first(&self, start: Pose) -> Option<Action> {
+        let after = |&motion: &FrameMotion| {
+            let moved = drive(start, motion, self.arena, self.robot.radius).0;
+            if self.avoid.iter().any(|area| area.is_entered(start.position, moved.position)) {
+                None
+            } else {
+                self.from(moved)
+            }
+        };
+        let steps = self.motions.iter().map(after);
+        let ways = self.robot.actions.iter().zip(steps).filter_map(|(action, steps)| Some((steps?, action)));
+        ways.min_by_key(|way| way.0).map(|way| way.1)
     }
 
     fn within(&self, start: Pose, limit: usize) -> Option<usize> {

@@ -47,6 +47,8 @@ pub struct Scope {
     pub vectors: Option<usize>,
     /// Seeds; more than one give bands.
     pub seeds: RangeInclusive<u64>,
+    /// Of [`worlds`](super::worlds): the name of one world alone.
+    pub world: Option<String>,
     /// Threads for matrix products; results do not depend on them.
     pub par: Par,
     /// Where finished settings are kept.

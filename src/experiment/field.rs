@@ -10,7 +10,7 @@ use super::local;
 use super::quality::{Quality, Trials};
 use super::trained::{Iteration, Sampled, Training, train, trips, with_one};
 use super::{Bench, ExperimentError};
-use crate::evaluate::{Situation, Trip, draw_pose};
+use crate::evaluate::{OptimalSteps, Situation, Trip, draw_pose};
 use crate::policy::Reflexes;
 use crate::random::stream;
 use crate::robot::{Action, Pose};
@@ -98,6 +98,18 @@ impl Field<'_> {
                 optimal: trip.optimal,
             };
             Ok(self.trials.reference[task].iter().map(best).collect())
+        })
+    }
+
+    /// The shortest way from the true pose, looked for again after every action: what execution noise alone costs.
+    pub fn replanned(&self) -> Result<Vec<Quality>, ExperimentError> {
+        let (scenario, arena) = (&self.lab.scenario, &self.lab.world.arena);
+        self.qualities(|task| {
+            let search =
+                OptimalSteps::new(arena, &scenario.robot, self.lab.task(task), &[], scenario.evaluate.max_steps);
+            // From where no way is short enough any action is as good.
+            let choose = |situation: &Situation<'_>| search.first(*situation.pose).unwrap_or(Action::FORWARD);
+            Ok(self.trials.evaluator.trips(task, false, &choose))
         })
     }
 

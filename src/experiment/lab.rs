@@ -26,13 +26,17 @@ const GOALS: &str = include_str!("../../scenarios/goals.toml");
 const TWO_ROOMS: &str = include_str!("../../scenarios/two_rooms.toml");
 
 /// All worlds but the one for tests, by name, as they are in the repository: the small ones first.
-pub const WORLDS: [(&str, &str); 6] = [
+pub const WORLDS: [(&str, &str); 10] = [
     ("lab", LAB),
     ("l_shape", include_str!("../../scenarios/l_shape.toml")),
     ("pillars", include_str!("../../scenarios/pillars.toml")),
     ("wall_gap", include_str!("../../scenarios/wall_gap.toml")),
     ("four_rooms", include_str!("../../scenarios/four_rooms.toml")),
     ("two_rooms", TWO_ROOMS),
+    ("plain", include_str!("../../scenarios/plain.toml")),
+    ("doors", include_str!("../../scenarios/doors.toml")),
+    ("apartment", include_str!("../../scenarios/apartment.toml")),
+    ("office", include_str!("../../scenarios/office.toml")),
 ];
 
 /// What the thesis gave its robot near walls (§5.3): −1 within 0.5 m.

@@ -13,11 +13,10 @@ use super::driven::{SMALL, curve, drive};
 use super::field::{Field, Point, StreamQRun};
 use super::lab::{Data, Lab, WORLDS};
 use super::plot::{Line, chart};
-use super::quality::{Quality, Trials, driven};
+use super::quality::{Quality, Trials};
 use super::trained::with_one;
 use super::{Band, Bench, Cell, Experiment, ExperimentError, Once, Results, Sizes, Table};
 use crate::evaluate::Evaluator;
-use crate::policy::Reflexes;
 use crate::report::draw::Axis;
 
 /// The experiment.
@@ -30,7 +29,7 @@ pub const EXPERIMENT: Experiment = Experiment {
 
 /// Which worlds, by their place in [`WORLDS`]; for how much of their scenarios' actions they are driven in.
 const WHICH: Sizes<(&[usize], usize)> =
-    Sizes { full: (&[0, 1, 2, 3, 4, 5], 1), quick: (&[0, 1, 2], 1), smoke: (&[0, 5], 60) };
+    Sizes { full: (&[0, 1, 2, 3, 4, 5, 6, 7, 8, 9], 1), quick: (&[0, 1, 2], 1), smoke: (&[0, 5], 60) };
 /// Random starts for each goal; for each moment of the agent's curve.
 const STARTS: Sizes<(usize, usize)> = Sizes { full: (400, 100), quick: (200, 100), smoke: (10, 4) };
 /// One support vector of the batch pipeline for so many frames (the thesis had 4.4).
@@ -47,6 +46,7 @@ enum Method {
     Batch,
     PoseLocal,
     PoseLinear,
+    Replanned,
     QOnPixels,
     Random,
     Reference,
@@ -54,12 +54,13 @@ enum Method {
 }
 
 impl Method {
-    const ALL: [Method; 9] = [
+    const ALL: [Method; 10] = [
         Method::Agent,
         Method::AgentLinear,
         Method::Batch,
         Method::PoseLocal,
         Method::PoseLinear,
+        Method::Replanned,
         Method::QOnPixels,
         Method::Random,
         Method::Reference,
@@ -73,6 +74,7 @@ impl Method {
             Method::Batch => "the thesis's batch pipeline",
             Method::PoseLocal => "true pose, local values",
             Method::PoseLinear => "true pose, our LSPI",
+            Method::Replanned => "true pose, shortest way",
             Method::QOnPixels => "Stream-Q(λ) on pixels",
             Method::Random => "random actions",
             Method::Reference => "reference policy",
@@ -126,9 +128,16 @@ impl Tried {
 /// By world and method, for each seed.
 type Found = BTreeMap<(usize, Method), Vec<Tried>>;
 
+/// The names of the worlds.
+pub fn names() -> impl Iterator<Item = &'static str> {
+    WORLDS.into_iter().map(|world| world.0)
+}
+
 fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     let scope = bench.scope;
     let (which, share) = scope.pick(WHICH);
+    let only = names().position(|name| scope.world.as_deref() == Some(name));
+    let which = only.as_ref().map_or(which, std::slice::from_ref);
     let starts = scope.pick(STARTS);
     bench.plan(scope.seeds.clone().count() * which.len() * Method::ALL.len());
     let mut found = Found::new();
@@ -198,14 +207,10 @@ fn of_agent(settings: &Settings, (place, seed): (usize, u64), bench: &Bench<'_>)
         return Err(ExperimentError::Run(outcome.without_model.unwrap_or_else(|| "no model was learned".into())));
     };
     let trials = Trials::new(&lab, settings.starts.0);
-    let reflexes = Reflexes::new(scenario);
-    let of_task = |task: usize| {
-        bench.go_on()?;
-        Ok(trials.quality(task, &driven(&trials.evaluator, task, &learned, task, reflexes)))
-    };
-    let qualities: Result<Vec<Quality>, ExperimentError> = (0..scenario.tasks.len()).map(of_task).collect();
+    let trips = trials.evaluator.evaluate_and_show(&learned, false).into_iter().map(|(_, trips)| trips);
+    let qualities = trips.enumerate().map(|(task, trips)| trials.quality(task, &trips)).collect();
     let support_vectors = Some(outcome.support_vectors);
-    Ok(Tried { qualities: qualities?, curve: curve(outcome.curve), support_vectors, actions: settings.actions })
+    Ok(Tried { qualities, curve: curve(outcome.curve), support_vectors, actions: settings.actions })
 }
 
 /// What does not need the agent.
@@ -220,6 +225,7 @@ fn of_field(field: &Field<'_>, method: Method, actions: usize) -> Result<Tried, 
         }
         Method::PoseLocal => field.true_pose_locally()?,
         Method::PoseLinear => field.true_pose(actions, features)?,
+        Method::Replanned => field.replanned()?,
         Method::QOnPixels => {
             let episode = scenario.evaluate.max_steps;
             let run = StreamQRun { actions: &[actions], episode, features: field.video.nrows() + 1 };

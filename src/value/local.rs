@@ -37,7 +37,7 @@ use std::ops::Range;
 
 use faer::linalg::matmul::matmul;
 use faer::linalg::solvers::Solve;
-use faer::{Accum, Mat, MatRef, Par, Side};
+use faer::{Accum, ColRef, Mat, MatRef, Par, Side};
 
 use super::error::{discount, finite_list, finite_matrix, parameter};
 use super::{Fit, ValueError};
@@ -57,6 +57,12 @@ const UNMOVED_SQUARES: std::ops::Range<f64> = 1e-12..1e12;
 /// Neighbours found in single precision are trusted where its rounding is at most this share of the squared distance of the last
 /// one; elsewhere they are searched again in double precision.
 const TRUSTED: f64 = 1.0 / 16.0;
+/// Points in a square of a grid, about; how many points tell whether a grid pays: where less than this share of all has to be looked at.
+const GRID_POINTS: f64 = 4.0;
+const GRID_ASKED: usize = 32;
+const GRID_SHARE: f64 = 1.0 / 8.0;
+/// Coordinates whose differences are squared side by side.
+const LANES: usize = 8;
 /// Share of what follows a transition that its penalty takes at most, where penalties are bounded.
 const PENALTY: f64 = 0.5;
 /// Values have settled when none changes by more than this share of the largest.
@@ -109,6 +115,8 @@ pub struct Instances {
     moved: Option<(Move, Mat<f32>)>,
     /// Squared norm of each point of the search.
     norms: Vec<f32>,
+    /// The points of each action by two of their coordinates, where that leaves few to be looked at.
+    grid: Option<Vec<Grid>>,
 }
 
 /// Distances come from `‖x‖² − 2xᵀy` in single precision, which loses them where points are far from the origin compared with
@@ -145,6 +153,133 @@ impl Move {
     }
 }
 
+/// Points of an action by the squares that they lie in, over two coordinates: far apart in these is far apart. Where places are among
+/// the coordinates, next to all points lie too far away to be looked at.
+#[derive(Debug, Clone, PartialEq)]
+struct Grid {
+    axes: [usize; 2],
+    corner: [f64; 2],
+    side: f64,
+    /// Squares along each axis.
+    squares: [i64; 2],
+    /// Where the points of each square begin in `points`; one more than squares.
+    begins: Vec<u32>,
+    points: Vec<u32>,
+}
+
+impl Grid {
+    /// `None` where the points lie on a line or in one place.
+    fn new(points: MatRef<'_, f32>, axes: [usize; 2], of: Range<usize>) -> Option<Self> {
+        let at = |j: usize| axes.map(|axis| f64::from(points[(axis, j)]));
+        let (mut corner, mut end) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        for point in of.clone().map(at) {
+            for axis in 0..2 {
+                (corner[axis], end[axis]) = (corner[axis].min(point[axis]), end[axis].max(point[axis]));
+            }
+        }
+        let n = of.len();
+        if n == 0 {
+            return Some(Grid {
+                axes,
+                corner: [0.0; 2],
+                side: 1.0,
+                squares: [0; 2],
+                begins: vec![0],
+                points: Vec::new(),
+            });
+        }
+        let side = ((end[0] - corner[0]) * (end[1] - corner[1]) * GRID_POINTS / n as f64).sqrt();
+        let mut grid = Grid { axes, corner, side, squares: [0; 2], begins: Vec::new(), points: Vec::new() };
+        grid.squares = grid.square(end).map(|last| last + 1);
+        let count =
+            grid.squares[0].checked_mul(grid.squares[1]).filter(|&count| side > 0.0 && count <= (2 * n) as i64)?;
+        let square = |j: usize| {
+            let [x, y] = grid.square(at(j));
+            (x * grid.squares[1] + y) as usize
+        };
+        let mut sorted: Vec<(usize, u32)> = of.map(|j| (square(j), j as u32)).collect();
+        sorted.sort_unstable();
+        grid.begins = (0..=count as usize).map(|k| sorted.partition_point(|of| of.0 < k) as u32).collect();
+        grid.points = sorted.into_iter().map(|of| of.1).collect();
+        Some(grid)
+    }
+
+    fn square(&self, at: [f64; 2]) -> [i64; 2] {
+        [0, 1].map(|axis| ((at[axis] - self.corner[axis]) / self.side).floor() as i64)
+    }
+
+    /// The `kept` nearest points, the nearest first, and how many were looked at. Squares around the point are searched ring by ring, until
+    /// none farther out can hold a nearer one.
+    fn nearest(&self, points: MatRef<'_, f32>, at: ColRef<'_, f32>, kept: usize) -> (Vec<u32>, usize) {
+        let place = self.axes.map(|axis| f64::from(at[axis]));
+        let middle = self.square(place);
+        let at: Vec<f32> = at.iter().copied().collect();
+        let (mut nearest, mut looked_at) = (Vec::<(f32, u32)>::with_capacity(kept + 1), 0);
+        // How far out the grid begins, and where it ends.
+        let outside = |axis: usize| (-middle[axis]).max(middle[axis] - (self.squares[axis] - 1)).max(0);
+        let mut ring = outside(0).max(outside(1));
+        let last = [0, 1].map(|axis| middle[axis].abs().max((self.squares[axis] - 1 - middle[axis]).abs()));
+        while ring <= last[0].max(last[1]) {
+            let worst = if nearest.len() == kept { nearest[kept - 1].0 } else { f32::INFINITY };
+            if f64::from(worst) <= ((ring - 1).max(0) as f64 * self.side).powi(2) {
+                break;
+            }
+            for x in (middle[0] - ring).max(0)..=(middle[0] + ring).min(self.squares[0] - 1) {
+                let edge = (x - middle[0]).abs() == ring;
+                let step = if edge { 1 } else { (2 * ring).max(1) };
+                let mut y = middle[1] - ring;
+                while y <= middle[1] + ring {
+                    if (0..self.squares[1]).contains(&y) {
+                        let square = (x * self.squares[1] + y) as usize;
+                        let of = &self.points[self.begins[square] as usize..self.begins[square + 1] as usize];
+                        looked_at += of.len();
+                        of.iter().for_each(|&point| nearer(&mut nearest, kept, (apart(points, point, &at), point)));
+                    }
+                    y += step;
+                }
+            }
+            ring += 1;
+        }
+        (nearest.into_iter().map(|of| of.1).collect(), looked_at)
+    }
+}
+
+/// Keep a point if it is among the nearest; of equally near ones the first.
+fn nearer(nearest: &mut Vec<(f32, u32)>, kept: usize, of: (f32, u32)) {
+    if nearest.len() < kept || of < nearest[kept - 1] {
+        let place = nearest.partition_point(|other| *other < of);
+        nearest.insert(place, of);
+        nearest.truncate(kept);
+    }
+}
+
+/// Squared distance of two points, in single precision: of differences, so that nothing is lost.
+fn apart(points: MatRef<'_, f32>, point: u32, at: &[f32]) -> f32 {
+    let Some(of) = points.col(point as usize).try_as_col_major() else { return f32::INFINITY };
+    let (of, rest) = of.as_slice().as_chunks::<LANES>();
+    let (at, rest_at) = at.as_chunks::<LANES>();
+    let mut sums = [0.0; LANES];
+    for (a, b) in of.iter().zip(at) {
+        for lane in 0..LANES {
+            sums[lane] += (a[lane] - b[lane]) * (a[lane] - b[lane]);
+        }
+    }
+    sums.iter().sum::<f32>() + rest.iter().zip(rest_at).map(|(a, b)| (a - b) * (a - b)).sum::<f32>()
+}
+
+/// The two coordinates that vary most, where there are two.
+fn widest(points: MatRef<'_, f32>) -> Option<[usize; 2]> {
+    let n = points.ncols() as f64;
+    let variance = |i: usize| {
+        let row = || points.row(i).iter().map(|&x| f64::from(x));
+        let mean = row().sum::<f64>() / n;
+        row().map(|x| (x - mean).powi(2)).sum::<f64>()
+    };
+    let mut axes: Vec<(f64, usize)> = (0..points.nrows()).map(|i| (variance(i), i)).collect();
+    axes.sort_by(|a, b| b.0.total_cmp(&a.0));
+    Some([axes.first()?.1, axes.get(1)?.1])
+}
+
 /// The transitions that a value is estimated from: their numbers, and how much each counts. The weights sum to 1.
 pub(super) type Neighbours = Vec<(u32, f64)>;
 
@@ -177,7 +312,9 @@ impl Instances {
         });
         let searched = moved.as_ref().map_or(&points, |(_, moved)| moved);
         let norms = (0..n).map(|j| searched.col(j).squared_norm_l2()).collect();
-        Ok(Instances { options, points, counts, moved, norms })
+        let mut instances = Instances { options, points, counts, moved, norms, grid: None };
+        instances.grid = instances.grids();
+        Ok(instances)
     }
 
     /// Number of transitions `N`.
@@ -249,14 +386,20 @@ impl Instances {
         if places.is_empty() {
             return vec![Vec::new(); points.ncols()];
         }
+        if let Some(grid) = self.grid.as_ref().and_then(|grids| grids.get(action)) {
+            let near = |j: usize| {
+                let (nearest, _) = grid.nearest(self.points.as_ref(), points.col(j), self.kept(places.len()));
+                self.regress(nearest, points, j)
+            };
+            return (0..points.ncols()).map(near).collect();
+        }
         let moved = self.moved.as_ref().map(|(by, _)| by.apply(points));
         let searched = self.moved.as_ref().map_or(&self.points, |(_, moved)| moved);
         let of_action = searched.as_ref().subcols(places.start, places.len());
         let mut products = Mat::zeros(of_action.ncols(), points.ncols());
         let at = moved.as_ref().map_or(points, |moved| moved.as_ref());
         matmul(products.as_mut(), Accum::Replace, of_action.transpose(), at, 1.0, Par::Seq);
-        // One more than needed: the distance of that one is where weights end.
-        let kept = self.options.neighbours.saturating_add(1).min(places.len());
+        let kept = self.kept(places.len());
         let norms = &self.norms[places.clone()];
         let longest = f64::from(norms.iter().copied().fold(0.0, f32::max));
         let scale = self.moved.as_ref().map_or(1.0, |(by, _)| by.scale);
@@ -273,6 +416,28 @@ impl Instances {
             self.regress(nearest.into_iter().map(|i| (places.start + i) as u32).collect(), points, j)
         };
         (0..points.ncols()).map(near).collect()
+    }
+
+    /// One more than needed: the distance of that one is where weights end.
+    fn kept(&self, count: usize) -> usize {
+        self.options.neighbours.saturating_add(1).min(count)
+    }
+
+    /// Grids of all actions, if they leave few points to be looked at.
+    fn grids(&self) -> Option<Vec<Grid>> {
+        let points = self.points.as_ref();
+        let axes = widest(points)?;
+        let grids: Option<Vec<Grid>> =
+            (0..self.counts.len()).map(|a| Grid::new(points, axes, self.of_action(a))).collect();
+        let grids = grids?;
+        let asked = GRID_ASKED.min(points.ncols());
+        let looked_at = |k: usize| {
+            let at = points.col(k * points.ncols() / asked);
+            let of = grids.iter().zip(&self.counts).filter(|(_, count)| **count > 0);
+            of.map(|(grid, &count)| grid.nearest(points, at, self.kept(count)).1).sum::<usize>()
+        };
+        let share = (0..asked).map(looked_at).sum::<usize>() as f64 / (asked * points.ncols()) as f64;
+        (share < GRID_SHARE).then_some(grids)
     }
 
     /// Squared distance of a transition's point to one of `points`.
@@ -560,6 +725,36 @@ mod tests {
             let expected = 1.0 + 2.0 * f64::from(x) - 3.0 * f64::from(y);
             assert!((q - expected).abs() < 1e-3, "({x}, {y}): {q}, not {expected}");
         }
+    }
+
+    #[test]
+    fn a_grid_finds_the_same_neighbours() {
+        let mut state = 1u64;
+        let mut random = move || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            (state >> 40) as f32 / (1 << 24) as f32
+        };
+        // Two wide coordinates among narrow ones, of two actions and one that was never tried; and all alike.
+        let wide = Mat::from_fn(11, 900, |i, _| random() * if i == 4 || i == 9 { 100.0 } else { 3.0 });
+        let alike = Mat::from_fn(11, 900, |_, _| random());
+        let options = LocalOptions { neighbours: 6, ridge: 0.3 };
+        let instances = Instances::new(wide.clone(), vec![500, 0, 400], options).unwrap();
+        let plain = Instances { grid: None, ..instances.clone() };
+        assert!(instances.grid.is_some() && Instances::new(alike, vec![900], options).unwrap().grid.is_none());
+        // Points of its own, between them, and far outside on all sides.
+        let asked = Mat::from_fn(11, 60, |i, j| match j {
+            0..20 => wide[(i, 7 * j)],
+            20..50 => random() * if i == 4 || i == 9 { 100.0 } else { 3.0 },
+            _ => 400.0 * random() - 150.0,
+        });
+        for action in 0..3 {
+            let [found, expected] = [&instances, &plain].map(|of| of.neighbours(action, asked.as_ref()));
+            assert_eq!(found, expected, "action {action}");
+        }
+        // No more points than neighbours; all in one place.
+        let few = Instances::new(wide.as_ref().subcols(0, 4).to_owned(), vec![4], options).unwrap();
+        assert_eq!(few.neighbours(0, asked.as_ref())[25].len(), 4);
+        assert!(Instances::new(Mat::zeros(11, 50), vec![50], options).unwrap().grid.is_none());
     }
 
     #[test]

@@ -3,7 +3,7 @@
 //! Values know the reflexes: what may follow an action is all that they count on. Without that, the greedy policy
 //! turns a little too far, because it believes that it may turn back, and the reflexes then send it round the whole circle.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::convert::Infallible;
 use std::sync::Arc;
 
@@ -20,8 +20,8 @@ use crate::agent::runtime::status::Status;
 use crate::gpu::Choice;
 use crate::policy::{FloorMap, GoalRegion, Learned, Recent, Reflexes, columns, points, step_of};
 use crate::random::stream;
-use crate::robot::ActionSet;
-use crate::scenario::{Body, Method, Robot, Scenario, Task};
+use crate::robot::{Action, ActionSet};
+use crate::scenario::{Body, Method, Scenario, Task};
 use crate::slow::{SlowError, SlowModel};
 use crate::snapshot::{Persist, Snapshot, SnapshotError};
 use crate::value::place::{GoalPlaces, MotionNoise, PlaceMap, PlaceMetric, Pose};
@@ -43,6 +43,8 @@ pub struct FitPolicies {
     epoch: u32,
     /// Where the observations of the window lie, by frame, as the model before had it; none where places are not told.
     poses: BTreeMap<u64, Pose>,
+    /// The last frame that was known when a map of places was looked for from nothing.
+    searched: u64,
     /// What people were told with the model before.
     told: Vec<String>,
 }
@@ -57,7 +59,7 @@ impl FitPolicies {
     /// A fitter for the tasks of a scenario; its results do not depend on `par`.
     pub fn new(scenario: Arc<Scenario>, par: Par) -> Self {
         let (rows, poses) = (KernelRows::new(scenario.agent.compute), BTreeMap::new());
-        FitPolicies { rows, scenario, par, epoch: 0, poses, told: Vec::new() }
+        FitPolicies { rows, scenario, par, epoch: 0, poses, searched: 0, told: Vec::new() }
     }
 
     /// Who computes the kernel values of the window, as far as there was a choice.
@@ -69,15 +71,21 @@ impl FitPolicies {
     pub fn step(&mut self, request: FitRequest) -> Update {
         let transitions = request.window.len();
         let fitted = request.model.and_then(|model| {
-            let undone;
+            let (undone, imagined);
             let projected = Projection::new(&model, &request.window, &mut self.rows, self.par);
             let projected = projected.map_err(|error| error.to_string())?;
             let tried = match self.scenario.value.method {
                 Method::Lspi => None,
                 Method::Local => {
+                    let points = points(&model, projected.phi.as_ref(), self.scenario.value.metric_features);
+                    let map = self.places(&points, &projected, &request.window).map_err(|error| error.to_string())?;
                     undone = undo_all(&self.scenario, &request.window);
-                    let tried =
-                        Tried::new(&self.scenario, &model, &projected, (&request.window, &undone), &mut self.poses);
+                    imagined = map.as_ref().map_or(Vec::new(), |map| {
+                        imagine_all(&self.scenario, &projected, map, (&request.window, &undone))
+                    });
+                    let told = [&request.window, &undone].into_iter().flatten().map(|t| (t, None));
+                    let told = told.chain(imagined.iter().map(|(t, pose)| (t, Some(*pose)))).collect();
+                    let tried = Tried::new(&self.scenario, (points, map), &projected, &request.window, told);
                     Some(tried.map_err(|error| error.to_string())?)
                 }
             };
@@ -118,6 +126,37 @@ impl FitPolicies {
         let told = std::mem::replace(&mut self.told, notes.clone());
         notes.retain(|note| !told.contains(note));
         Update { asked_at: request.asked_at, learned, fits, transitions, notes }
+    }
+
+    /// Where observations lie, from where they lay by the model before; `None`, and as it was, where places are not told or most have none.
+    /// To look for another map takes long, and pays where much is new: half of all observations.
+    fn places(
+        &mut self,
+        points: &Mat<f32>,
+        projected: &Projection,
+        window: &[TaskTransition],
+    ) -> Result<Option<PlaceMap>, ValueError> {
+        if !self.scenario.value.places {
+            return Ok(None);
+        }
+        let (robot, place) = (&self.scenario.robot, &projected.place);
+        let before: Vec<Option<Pose>> = place.keys().map(|frame| self.poses.get(frame).copied()).collect();
+        let noise = if robot.body == Body::Program { MotionNoise::PLAYER } else { MotionNoise::ROBOT };
+        let (steps, points) = (projected.steps(&robot.actions, window), points.clone());
+        let new = place.range(self.searched + 1..).count();
+        let map = if 2 * new >= place.len() {
+            self.searched = place.keys().next_back().copied().unwrap_or(0);
+            PlaceMap::new(points, &steps, &before, noise)?
+        } else {
+            PlaceMap::go_on(points, &steps, &before, noise)?
+        };
+        let is_told = |map: &PlaceMap| 2 * map.poses().iter().flatten().count() > map.poses().len();
+        let map = map.filter(is_told);
+        if let Some(map) = &map {
+            let placed = place.keys().zip(map.poses());
+            self.poses = placed.filter_map(|(&frame, pose)| Some((frame, (*pose)?))).collect();
+        }
+        Ok(map)
     }
 
     /// Local values: what each transition is worth, for all tasks and on the way to rarely visited places.
@@ -232,6 +271,7 @@ impl Persist for FitPolicies {
             (frame, Pose { x, y, heading })
         };
         self.poses = poses.into_iter().map(pose).collect();
+        snapshot.value("searched", &mut self.searched)?;
         snapshot.value("told", &mut self.told)
     }
 }
@@ -288,24 +328,21 @@ struct Tried<'a> {
 }
 
 impl<'a> Tried<'a> {
-    /// `undone`: what counts beside the window's transitions. `poses`: where observations lie, by frame, from the model before to
-    /// this one.
+    /// `points`: observations in coordinates of features, `p × n`, and where they lie, if places are told. `told`: what counts, and where it led
+    /// to exactly, if that is not where the observation lies.
     fn new(
         scenario: &Scenario,
-        model: &SlowModel<f32>,
+        (mut points, map): (Mat<f32>, Option<PlaceMap>),
         projected: &Projection,
-        (window, undone): (&'a [TaskTransition], &'a [TaskTransition]),
-        poses: &mut BTreeMap<u64, Pose>,
+        window: &[TaskTransition],
+        mut told: Vec<(&'a TaskTransition, Option<Pose>)>,
     ) -> Result<Self, ValueError> {
-        let mut sorted: Vec<&TaskTransition> = window.iter().chain(undone).collect();
-        sorted.sort_by_key(|t| t.action);
-        let actions = &scenario.robot.actions;
-        let mut points = points(model, projected.phi.as_ref(), scenario.value.metric_features);
+        told.sort_by_key(|(t, _)| t.action);
+        let (actions, seen) = (&scenario.robot.actions, points.clone());
         let (mut places, mut goals) = (None, Vec::new());
-        if scenario.value.places
-            && let Some(map) = projected.places(&points, &scenario.robot, window, poses)?
-        {
-            sorted.retain(|t| [&t.from, &t.to].iter().all(|seen| poses.contains_key(&seen.frame)));
+        if let Some(map) = map {
+            let pose = |frame: u64| map.poses()[projected.place[&frame]];
+            told.retain(|(t, _)| [&t.from, &t.to].iter().all(|seen| pose(seen.frame).is_some()));
             let metric = map.metric();
             let of = |j: usize| metric.point(&column(&points, j), map.poses()[j].unwrap_or_default());
             let of: Vec<Vec<f32>> = (0..points.ncols()).map(of).collect();
@@ -314,17 +351,23 @@ impl<'a> Tried<'a> {
             // Where goals are shown, what the camera sees decides whether this is one.
             let came_to = |task: usize| {
                 let told = window.iter().filter(|_| !scenario.tasks[task].is_shown());
-                told.filter_map(|t| Some((*poses.get(&t.to.frame)?, t.result.in_goal[task]))).collect::<Vec<_>>()
+                told.filter_map(|t| Some((pose(t.to.frame)?, t.result.in_goal[task]))).collect::<Vec<_>>()
             };
             goals = (0..scenario.tasks.len()).map(|task| GoalPlaces::new(came_to(task).into_iter())).collect();
         }
+        let (sorted, exactly): (Vec<&TaskTransition>, Vec<Option<Pose>>) = told.into_iter().unzip();
         let counts = actions.iter().map(|a| sorted.iter().filter(|t| t.action == a.index()).count()).collect();
         let at = |place: &dyn Fn(&TaskTransition) -> u64| {
             let places: Vec<usize> = sorted.iter().map(|t| projected.place[&place(t)]).collect();
             Mat::from_fn(points.nrows(), places.len(), |i, j| points[(i, places[j])])
         };
         let instances = Arc::new(Instances::new(at(&|t| t.from.frame), counts, local_options(scenario))?);
-        let to = at(&|t| t.to.frame);
+        let mut to = at(&|t| t.to.frame);
+        for (j, pose) in exactly.into_iter().enumerate() {
+            let Some((metric, pose)) = places.zip(pose) else { continue };
+            let point = metric.point(&column(&seen, projected.place[&sorted[j].to.frame]), pose);
+            to.col_mut(j).iter_mut().zip(point).for_each(|(to, at)| *to = at);
+        }
         Ok(Tried { sorted, instances, to, places, goals })
     }
 }
@@ -338,16 +381,48 @@ fn undo_all(scenario: &Scenario, window: &[TaskTransition]) -> Vec<TaskTransitio
     let undo = |pair: &[TaskTransition]| {
         let [before, t] = pair else { return None };
         let follows = before.to.frame == t.from.frame && !t.result.blocked && t.from.pixels != t.to.pixels;
-        let rewards = scenario.tasks.iter().zip(&before.result.rewards);
-        let rewarded = rewards.into_iter().any(|(task, &reward)| task.topic.is_some() && reward != 0.0);
         let inverse = actions.iter().nth(t.action).and_then(|action| actions.inverse(action));
-        let inverse = inverse.filter(|_| follows && !rewarded)?;
+        let inverse = inverse.filter(|_| follows && !is_rewarded(scenario, before))?;
         let (from, to, cell) = (t.to.clone(), t.from.clone(), t.cell);
         let allowed = reflexes.allowed(Recent::default().then(inverse, false, actions));
         let result = TaskOutcomes { blocked: false, ..before.result.clone() };
         Some(TaskTransition { from, action: inverse.index(), allowed, result, to, cell })
     };
     window.windows(2).filter_map(undo).collect()
+}
+
+/// What turns would have led to that were not made, and where to exactly: the robot stays where it is, so what that comes to is what the
+/// transition before had come to, and on a map it is known what is seen there. Not after a reward from a program. `told`: what was done, and
+/// undone.
+fn imagine_all(
+    scenario: &Scenario,
+    projected: &Projection,
+    map: &PlaceMap,
+    (window, undone): (&[TaskTransition], &[TaskTransition]),
+) -> Vec<(TaskTransition, Pose)> {
+    let (actions, reflexes) = (&scenario.robot.actions, Reflexes::new(scenario));
+    let turns: Vec<Action> =
+        actions.iter().filter(|&action| !actions.advances(action) && actions.motion(action).angle != 0.0).collect();
+    let told: BTreeSet<(u64, usize)> = window.iter().chain(undone).map(|t| (t.from.frame, t.action)).collect();
+    let seen: Vec<&Arc<Observation>> = projected.seen(window);
+    let imagine = |(t, action): (&TaskTransition, Action)| {
+        let from = &t.to;
+        if told.contains(&(from.frame, action.index())) || is_rewarded(scenario, t) {
+            return None;
+        }
+        let (pose, like) = map.behind_turn(projected.place[&from.frame], actions.motion(action).angle)?;
+        let result = TaskOutcomes { blocked: false, ..t.result.clone() };
+        let allowed = reflexes.allowed(Recent::default().then(action, false, actions));
+        let (from, to, cell) = (from.clone(), seen[like].clone(), t.cell);
+        Some((TaskTransition { from, action: action.index(), allowed, result, to, cell }, pose))
+    };
+    window.iter().flat_map(|t| turns.iter().map(move |&action| (t, action))).filter_map(imagine).collect()
+}
+
+/// Whether a program gave a reward for a transition.
+fn is_rewarded(scenario: &Scenario, t: &TaskTransition) -> bool {
+    let rewards = scenario.tasks.iter().zip(&t.result.rewards);
+    rewards.into_iter().any(|(task, &reward)| task.topic.is_some() && reward != 0.0)
 }
 
 fn column(matrix: &Mat<f32>, j: usize) -> Vec<f32> {
@@ -538,6 +613,13 @@ impl Projection {
         Ok(Projection { place, phi, cell })
     }
 
+    /// The observations, in the order of their columns.
+    fn seen<'w>(&self, window: &'w [TaskTransition]) -> Vec<&'w Arc<Observation>> {
+        let seen: BTreeMap<u64, &Arc<Observation>> =
+            window.iter().flat_map(|t| [&t.from, &t.to]).map(|seen| (seen.frame, seen)).collect();
+        seen.into_values().collect()
+    }
+
     /// What the robot did from each observation to the next one.
     fn steps(&self, actions: &ActionSet, window: &[TaskTransition]) -> Vec<Option<MapStep>> {
         let mut steps = vec![None; self.phi.ncols().saturating_sub(1)];
@@ -548,26 +630,6 @@ impl Projection {
             }
         }
         steps
-    }
-
-    /// Where observations lie, from where they lay by the model before; `None`, and as it was, where most have no place.
-    fn places(
-        &self,
-        points: &Mat<f32>,
-        robot: &Robot,
-        window: &[TaskTransition],
-        poses: &mut BTreeMap<u64, Pose>,
-    ) -> Result<Option<PlaceMap>, ValueError> {
-        let before: Vec<Option<Pose>> = self.place.keys().map(|frame| poses.get(frame).copied()).collect();
-        let noise = if robot.body == Body::Program { MotionNoise::PLAYER } else { MotionNoise::ROBOT };
-        let map = PlaceMap::new(points.clone(), &self.steps(&robot.actions, window), &before, noise)?;
-        let is_told = |map: &PlaceMap| 2 * map.poses().iter().flatten().count() > map.poses().len();
-        let map = map.filter(is_told);
-        if let Some(map) = &map {
-            let placed = self.place.keys().zip(map.poses());
-            *poses = placed.filter_map(|(&frame, pose)| Some((frame, (*pose)?))).collect();
-        }
-        Ok(map)
     }
 
     /// Features of some observations, one a column.
@@ -627,5 +689,34 @@ mod tests {
             undo_all(&scenario, &window).iter().map(|t| t.to.frame).collect::<Vec<u64>>()
         };
         assert_eq!((rewarded(1), rewarded(6)), (vec![2, 6, 8], vec![2, 8]));
+    }
+
+    #[test]
+    fn turns_that_were_not_made_are_known_from_the_map() {
+        let scenario = Scenario::parse(include_str!("../../../scenarios/lab.toml"), "lab.toml".as_ref(), &[]).unwrap();
+        let seen = |frame: u64| Arc::new(Observation { frame, pixels: vec![frame as u8] });
+        let transition = |from: u64, action: usize| {
+            let rewards = vec![from as f64, 0.0];
+            let result = TaskOutcomes { rewards, in_goal: vec![false; 2], avoided: 0.0, blocked: false };
+            TaskTransition { from: seen(from), action, allowed: 7, result, to: seen(from + 1), cell: 0 }
+        };
+        // Two turns to the left and a move.
+        let window = [transition(0, 1), transition(1, 1), transition(2, 0)];
+        let undone = undo_all(&scenario, &window);
+        assert_eq!(undone.iter().map(|t| (t.from.frame, t.action)).collect::<Vec<_>>(), [(2, 2)]);
+        let metric = PlaceMetric { noise: MotionNoise::ROBOT, unit: 0.3, width: 1.0 };
+        let turn = std::f64::consts::FRAC_PI_4;
+        let lies = [(0.0, 0.0), (0.0, turn), (0.0, 2.0 * turn), (1.0, 2.0 * turn)];
+        let lies = lies.map(|(y, heading)| Pose { x: 0.0, y, heading });
+        let of = |j: usize| metric.point(&[j as f32], lies[j]);
+        let map = PlaceMap::of_points(Mat::from_fn(5, 4, |i, j| of(j)[i]).as_ref(), metric).unwrap();
+        let place = (0..4).map(|frame| (frame, frame as usize)).collect();
+        let projected = Projection { place, phi: Mat::new(), cell: Vec::new() };
+        let imagined = imagine_all(&scenario, &projected, &map, (&window, &undone));
+        // Back from the first turn: the left one was made, and elsewhere nobody has looked beside.
+        let told: Vec<_> = imagined.iter().map(|(t, _)| (t.from.frame, t.action, t.to.frame)).collect();
+        assert_eq!(told, [(1, 2, 0)]);
+        assert_eq!((imagined[0].0.result.rewards[0], imagined[0].0.allowed), (0.0, 0b101));
+        assert!((imagined[0].1.heading.abs() < 1e-6) && imagined[0].1.y == 0.0);
     }
 }

@@ -51,6 +51,9 @@ pub struct Slow {
     pub memory_frames: Option<f64>,
 }
 
+/// A world of so many rooms is a building: two and a door.
+const SEVERAL_ROOMS: usize = 3;
+
 /// `[value]`
 #[derive(Debug, Clone, PartialEq)]
 pub struct Value {
@@ -159,7 +162,8 @@ impl Slow {
 }
 
 impl Value {
-    pub(super) fn read(s: &mut Section<'_, '_>) -> Self {
+    /// `rooms`: how many there are in the world.
+    pub(super) fn read(s: &mut Section<'_, '_>, rooms: usize) -> Self {
         Value {
             method: s.choice(
                 "method",
@@ -187,8 +191,8 @@ impl Value {
             ),
             places: s.flag(
                 "places",
-                false,
-                "local: states are told apart by where the robot is, too, by the way that it came; for places that look alike",
+                rooms >= SEVERAL_ROOMS,
+                "local: states are told apart by where the robot is, too, by the way that it came; true where world.room is given three times or more",
             ),
             local_ridge: s.number(
                 "local_ridge",

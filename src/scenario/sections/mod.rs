@@ -112,6 +112,7 @@ impl Scenario {
             )
         });
         let world = World::read(reader, base);
+        let rooms = world.rooms.len();
         let mut robot = reader.section("robot", "", Robot::read);
         robot.actions = actions::read(reader, &robot);
         let (dynamic, on_ros2) = (robot.body == Body::Dynamic, robot.body == Body::Ros2);
@@ -142,7 +143,7 @@ impl Scenario {
             vision: reader.section("vision", "camera image to observation", |s| Vision::read(s, robot.body)),
             dictionary: reader.section("dictionary", "support vectors", Dictionary::read),
             slow: reader.section("slow", "slow features", Slow::read),
-            value: reader.section("value", "what actions are worth", Value::read),
+            value: reader.section("value", "what actions are worth", |s| Value::read(s, rooms)),
             policy: reader.section("policy", "exploration, pursuit, reflexes", Policy::read),
             agent: reader.section("agent", "", |s| Agent::read(s, &robot)),
             evaluate: reader.section("evaluate", "", Evaluate::read),

@@ -1,5 +1,6 @@
 //! Where a robot is among the states of the past.
 
+use std::collections::HashSet;
 use std::ops::Range;
 
 use faer::{Mat, MatRef};
@@ -31,7 +32,8 @@ const DOUBTED: usize = 1024;
 const LOST: f64 = -0.3;
 
 impl PlaceMap {
-    /// A map of states that have their places: points of a metric, `(p + 4) × n`.
+    /// A map of states that have their places: points of a metric, `(p + 4) × n`. Of points that are the same, as those of actions from
+    /// one state are, one counts.
     ///
     /// # Errors
     /// Points that are not finite or have too few coordinates, a metric whose noise is outside its ranges, or with lengths that are
@@ -46,12 +48,15 @@ impl PlaceMap {
         if p == 0 {
             return Err(ValueError::Features { what: "points", found: points.nrows(), expected: OF_POSE + 1 });
         }
-        let pose = |j: usize| {
+        let mut known = HashSet::new();
+        let bits = |j: usize| points.col(j).iter().map(|x| x.to_bits()).collect::<Vec<u32>>();
+        let states: Vec<usize> = (0..points.ncols()).filter(|&j| known.insert(bits(j))).collect();
+        let pose = |&j: &usize| {
             let [x, y, cos, sin] = [0, 1, 2, 3].map(|i| f64::from(points[(p + i, j)]));
             Some(Pose { x, y, heading: sin.atan2(cos) })
         };
-        let seen = Mat::from_fn(p, points.ncols(), |i, j| metric.seen(points[(i, j)]));
-        Ok(PlaceMap::begin(seen, (0..points.ncols()).map(pose).collect(), metric))
+        let seen = Mat::from_fn(p, states.len(), |i, j| metric.seen(points[(i, states[j])]));
+        Ok(PlaceMap::begin(seen, states.iter().map(pose).collect(), metric))
     }
 
     /// Go on with a belief: by the step that the robot has made, `None` where nothing is known of it, and by what it sees then,

@@ -36,6 +36,7 @@ mod placing;
 mod states;
 #[cfg(test)]
 mod tests;
+mod turns;
 
 use std::f64::consts::TAU;
 

@@ -174,7 +174,13 @@ fn a_map_goes_on_and_is_the_same_by_its_points() {
     let begin = points.as_ref().subcols(0, first).to_owned();
     let map = PlaceMap::new(begin, &steps[..first - 1], &vec![None; first], NOISE).unwrap().unwrap();
     let before: Vec<Option<Pose>> = map.poses().iter().copied().chain(vec![None; 4000 - first]).collect();
-    let later = PlaceMap::new(points, &steps, &before, NOISE).unwrap().unwrap();
+    let later = PlaceMap::new(points.clone(), &steps, &before, NOISE).unwrap().unwrap();
+    let begin = points.as_ref().subcols(0, 3000).to_owned();
+    let on = PlaceMap::go_on(begin, &steps[..2999], &before[..3000], NOISE).unwrap().unwrap();
+    // Where no other map is looked for, places stay where they were.
+    let stays = |state: usize| map.poses()[state].zip(on.poses()[state]).is_some_and(|(a, b)| same(a, b, 1.0));
+    let (kept, new) = ((0..first).filter(|&state| stays(state)).count(), on.poses()[first..].iter().flatten().count());
+    assert!(kept * 10 > first * 8 && new > 400, "{kept} of {first} stay, {new} of 500 are placed");
     let placed = later.poses().iter().flatten().count();
     // 3 567 have one. Why the others have none was not examined.
     assert!(placed > 3400, "{placed}");
@@ -206,6 +212,29 @@ fn a_map_goes_on_and_is_the_same_by_its_points() {
     assert!(PlaceMap::of_points(of.as_ref(), none).is_err());
     assert!(PlaceMap::of_points(of.as_ref().subrows(0, 4), metric).is_err());
     assert!(Belief::from_parts((vec![[0, 0, f64::NAN.to_bits(), 0]], 0, 0)).is_err());
+}
+
+#[test]
+fn a_map_tells_what_is_seen_behind_a_turn() {
+    let mut rooms = Rooms::new(1, 0, 3);
+    let (points, _, truth) = rooms.drive(3000);
+    let metric = PlaceMetric { noise: NOISE, unit: 1.0, width: 0.5 };
+    let of = |j: usize| metric.point(&points.col(j).iter().copied().collect::<Vec<f32>>(), truth[j]);
+    let of: Vec<Vec<f32>> = (0..truth.len()).map(of).collect();
+    // Each state twice, as two actions may have been tried there.
+    let of = Mat::from_fn(10, 2 * of.len(), |i, j| of[j / 2][i]);
+    let map = PlaceMap::of_points(of.as_ref(), metric).unwrap();
+    assert_eq!(map.poses().len(), truth.len());
+    let mut told = 0;
+    for state in 0..truth.len() {
+        let Some((pose, like)) = map.behind_turn(state, FRAC_PI_4) else { continue };
+        let expected = Pose { heading: truth[state].heading + FRAC_PI_4, ..truth[state] };
+        assert!(same(pose, expected, 1e-3) && same(pose, truth[like], 0.7), "{state}: {pose:?}");
+        told += 1;
+    }
+    assert!(told * 10 > 9 * truth.len(), "{told} of {}", truth.len());
+    // By an angle that no action of this robot turns, nothing was ever seen.
+    assert!(map.behind_turn(0, FRAC_PI_4 / 2.0).is_none());
 }
 
 #[test]
