@@ -61,6 +61,8 @@ const TRUSTED: f64 = 1.0 / 16.0;
 const GRID_POINTS: f64 = 4.0;
 const GRID_ASKED: usize = 32;
 const GRID_SHARE: f64 = 1.0 / 8.0;
+/// Squares out of which nothing is told apart.
+const GRID_FAR: f64 = 1e12;
 /// Coordinates whose differences are squared side by side.
 const LANES: usize = 8;
 /// Share of what follows a transition that its penalty takes at most, where penalties are bounded.
@@ -205,7 +207,8 @@ impl Grid {
     }
 
     fn square(&self, at: [f64; 2]) -> [i64; 2] {
-        [0, 1].map(|axis| ((at[axis] - self.corner[axis]) / self.side).floor() as i64)
+        // From so far away all points are equally far.
+        [0, 1].map(|axis| ((at[axis] - self.corner[axis]) / self.side).floor().clamp(-GRID_FAR, GRID_FAR) as i64)
     }
 
     /// The `kept` nearest points, the nearest first, and how many were looked at. Squares around the point are searched ring by ring, until
@@ -217,28 +220,27 @@ impl Grid {
         let (mut nearest, mut looked_at) = (Vec::<(f32, u32)>::with_capacity(kept + 1), 0);
         // How far out the grid begins, and where it ends.
         let outside = |axis: usize| (-middle[axis]).max(middle[axis] - (self.squares[axis] - 1)).max(0);
-        let mut ring = outside(0).max(outside(1));
-        let last = [0, 1].map(|axis| middle[axis].abs().max((self.squares[axis] - 1 - middle[axis]).abs()));
-        while ring <= last[0].max(last[1]) {
+        let farthest = |axis: usize| middle[axis].abs().max((self.squares[axis] - 1 - middle[axis]).abs());
+        for ring in outside(0).max(outside(1))..=farthest(0).max(farthest(1)) {
             let worst = if nearest.len() == kept { nearest[kept - 1].0 } else { f32::INFINITY };
             if f64::from(worst) <= ((ring - 1).max(0) as f64 * self.side).powi(2) {
                 break;
             }
-            for x in (middle[0] - ring).max(0)..=(middle[0] + ring).min(self.squares[0] - 1) {
-                let edge = (x - middle[0]).abs() == ring;
-                let step = if edge { 1 } else { (2 * ring).max(1) };
-                let mut y = middle[1] - ring;
-                while y <= middle[1] + ring {
-                    if (0..self.squares[1]).contains(&y) {
-                        let square = (x * self.squares[1] + y) as usize;
-                        let of = &self.points[self.begins[square] as usize..self.begins[square + 1] as usize];
-                        looked_at += of.len();
-                        of.iter().for_each(|&point| nearer(&mut nearest, kept, (apart(points, point, &at), point)));
-                    }
-                    y += step;
+            let [ends_x, ends_y] = middle.map(|at| [at - ring, at + ring]);
+            let within = |axis: usize, [first, end]: [i64; 2]| first.max(0)..=end.min(self.squares[axis] - 1);
+            for x in within(0, ends_x) {
+                let mut look = |y: i64| {
+                    let square = (x * self.squares[1] + y) as usize;
+                    let of = &self.points[self.begins[square] as usize..self.begins[square + 1] as usize];
+                    looked_at += of.len();
+                    of.iter().for_each(|&point| nearer(&mut nearest, kept, (apart(points, point, &at), point)));
+                };
+                if ends_x.contains(&x) {
+                    within(1, ends_y).for_each(&mut look);
+                } else {
+                    ends_y.into_iter().filter(|y| (0..self.squares[1]).contains(y)).for_each(&mut look);
                 }
             }
-            ring += 1;
         }
         (nearest.into_iter().map(|of| of.1).collect(), looked_at)
     }
@@ -313,7 +315,8 @@ impl Instances {
         let searched = moved.as_ref().map_or(&points, |(_, moved)| moved);
         let norms = (0..n).map(|j| searched.col(j).squared_norm_l2()).collect();
         let mut instances = Instances { options, points, counts, moved, norms, grid: None };
-        instances.grid = instances.grids();
+        // Their distances are in single precision.
+        instances.grid = if instances.moved.is_none() { instances.grids() } else { None };
         Ok(instances)
     }
 
@@ -750,6 +753,11 @@ mod tests {
         for action in 0..3 {
             let [found, expected] = [&instances, &plain].map(|of| of.neighbours(action, asked.as_ref()));
             assert_eq!(found, expected, "action {action}");
+        }
+        // However far: all points are then as far away.
+        for far in [1e12, -1e30, f32::MAX] {
+            let q = instances.action_values(&[&[1.0; 900]], Mat::from_fn(11, 1, |_, _| far).as_ref()).unwrap();
+            assert!((q[0][(0, 0)] - 1.0).abs() < 1e-6 && (q[0][(2, 0)] - 1.0).abs() < 1e-6, "{far}: {q:?}");
         }
         // No more points than neighbours; all in one place.
         let few = Instances::new(wide.as_ref().subcols(0, 4).to_owned(), vec![4], options).unwrap();
