@@ -61,6 +61,13 @@ fn marched(rooms: &[[i32; 4]], from: Point2<f64>, direction: Vector2<f64>) -> f6
     (0..).map(|i| step * f64::from(i)).find(|&way| !inside(from + direction * way)).unwrap()
 }
 
+/// Whether a ray passes a corner of a room within a millimetre.
+fn grazes(rooms: &[[i32; 4]], from: Point2<f64>, direction: Vector2<f64>) -> bool {
+    let corners = rooms.iter().flat_map(|&[x0, y0, x1, y1]| [(x0, y0), (x0, y1), (x1, y0), (x1, y1)]);
+    let mut to = corners.map(|(x, y)| Vector2::new(f64::from(x), f64::from(y)) / 2.0 - from.coords);
+    to.any(|to| to.dot(&direction) > 0.0 && to.perp(&direction).abs() < 1e-3)
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(60))]
 
@@ -76,6 +83,10 @@ proptest! {
         for turn in 0..16 {
             let heading = angle + TAU / 16.0 * f64::from(turn);
             let pose = Pose::new(start, heading);
+            // Of a ray that cuts a corner by less than a step, marching sees nothing.
+            if grazes(&rooms, start, pose.direction()) {
+                continue;
+            }
             let way = marched(&rooms, start, pose.direction());
             let heard = world.arena.range(start, pose.direction(), 100.0);
             prop_assert!((heard - way).abs() < 3e-3, "{rooms:?} at {heading}: sonar {heard}, floor {way}");
