@@ -24,7 +24,8 @@
 //!
 //! # Numerics
 //! Points are `f32`, all else is `f64`. Neighbours are searched by products in single precision, and again in double precision
-//! where its rounding could matter: that takes about ten times as long. All runs on the threads of the process, if there is
+//! where its rounding could matter: that takes about ten times as long. Where two coordinates are so wide that few points are near in
+//! them, as those of a place, only these are looked at. All runs on the threads of the process, if there is
 //! the feature `rayon`, and has the same bits on any number of them: each point is computed alone. Only with many hundred
 //! neighbours does the Cholesky factor of a regression follow faer's global setting
 //! ([`fix_parallelism`](crate::random::fix_parallelism)).

@@ -11,7 +11,8 @@
 //! what was placed while the map was small. A way that begins anywhere is looked for on the map.
 //!
 //! A wrong turn early on bends a map for good, and by chance. So there are several tries, and the one that stays is the one in which
-//! what was seen was most expected. Later maps begin with the places of the one before, and have to beat new tries.
+//! what was seen was most expected. Later maps begin with the places of the one before ([`PlaceMap::go_on`]); when much
+//! is new they have to beat new tries ([`PlaceMap::new`]).
 //!
 //! # Doubt
 //! A cloud of poses that has settled in the wrong one of two rooms would stay there. So a little of it is always anywhere where such

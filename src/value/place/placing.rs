@@ -106,7 +106,8 @@ impl PlaceMap {
 fn place(map: &mut PlaceMap, steps: &[Option<MapStep>], (before, anew): (&[Option<Pose>], bool)) {
     let ways = ways(steps);
     let goes_on = before.iter().flatten().count() > KNOWN;
-    let (tries, sweeps) = if anew || !goes_on { (TRIES[usize::from(goes_on)], SWEEPS) } else { (0, GOING_ON) };
+    let anew = anew || !goes_on;
+    let (tries, sweeps) = if anew { (TRIES[usize::from(goes_on)], SWEEPS) } else { (0, GOING_ON) };
     let mut best: Option<(f64, Vec<Option<Pose>>, Cells)> = None;
     for number in u64::from(!goes_on)..=tries {
         map.poses = if number == 0 { before.to_vec() } else { vec![None; before.len()] };

@@ -8,10 +8,10 @@ const NEAR: (f64, f64) = (0.7, 0.35);
 const TURN: f64 = 2.0;
 
 impl PlaceMap {
-    /// Where a turn by an angle, radians, would lead from a state, and the state that looks as it does there. `None` where nobody knows: the
-    /// state has no place, or the robot never looked that way from there.
+    /// Where a turn by an angle, radians, would lead from a state, and the state that looks as it does there. `None` where nobody knows: there
+    /// is no such state, it has no place, or the robot never looked that way from there.
     pub fn behind_turn(&self, state: usize, angle: f64) -> Option<(Pose, usize)> {
-        let from = self.poses[state]?;
+        let from = self.poses.get(state).copied().flatten()?;
         let to = Pose { heading: from.heading + angle, ..from };
         let (x, y, heading) = cell(to);
         let headings = (-1..=1).map(|turn| (heading + turn).rem_euclid(HEADINGS));
