@@ -3,6 +3,7 @@
 use super::actors::fit::RARE;
 use super::actors::learn::stream_options;
 use crate::dictionary::WhenFull;
+use crate::robot::Action;
 use crate::scenario::{Method as Values, Scenario, SelectionRule};
 use crate::slow::{Method, SlowStream, solve_bytes};
 
@@ -21,11 +22,11 @@ use crate::slow::{Method, SlowStream, solve_bytes};
 /// | models: in use, in trials, on their way (`w` of them wait for their frame) | `(6 + w) m(5d + 8k + 24·tasks)` |
 /// | linear values: the window, its features, policy iteration of `t` tasks side by side | `N(2d + (48 + 8t)(k + 1)) + (24 + 384t)(k + 1)²` |
 /// | local values: the window, its features, and of `n` neighbours and `p` coordinates the points and who is near | `N(2d + 8(k + 1)) + T(24p + 48n + 72 + 16·tasks)`, and `(6 + w) T(4p + 8·tasks)` for models |
-/// | places: the map of the window while it is made, and of models | `N(16p + 400)`, `(6 + w) T(4p + 150)` |
+/// | places: the map of the window while it is made, and of models; turns that were not made (`a` of them) | `N(16p + 400 + 200a)`, `(6 + w) N(4p + 150)` |
 /// | what is shown: the map of the window, and `M` marks of the scenario | `N(12p + 16n + 160 + 16(6 + w))`, `M(d + (6 + w)(4p + 16))` |
 /// | images in the queue | `3 · width · height` each |
 ///
-/// `T`: transitions of local values, `N`, and as many for each turn where places are told; else `2N` where an action has an inverse, which
+/// `T`: transitions of local values, `N`, and as many for each turn where places are told, and once more where a move has an inverse; else `2N` where an action has an inverse, which
 /// undoes others. Where something is to be
 /// avoided, each task counts twice for local values; exploration to rarely visited places counts as eight tasks more. Marks that
 /// somebody makes while the run goes on are not counted.
@@ -64,9 +65,13 @@ impl Memory {
         // Values are also fitted as if nothing was to be avoided.
         let fits = if s.avoids.is_empty() { tasks } else { 2 * tasks };
         let fits = fits + if s.policy.directed_share > 0.0 { RARE as u64 } else { 0 };
-        let undoes = s.robot.actions.iter().any(|action| s.robot.actions.inverse(action).is_some());
-        let turns = s.robot.actions.iter().filter(|&action| !s.robot.actions.advances(action)).count() as u64;
-        let tried = n * (1 + if s.value.places { turns.max(u64::from(undoes)) } else { u64::from(undoes) });
+        let undoes = |action: &Action| s.robot.actions.inverse(*action).is_some();
+        let (moves, turns): (Vec<Action>, Vec<Action>) =
+            s.robot.actions.iter().partition(|&action| s.robot.actions.advances(action));
+        // With places, each state tells of all turns, done, undone or neither.
+        let (turns, undone_moves) = (turns.len() as u64, moves.iter().any(undoes));
+        let undone = u64::from(s.robot.actions.iter().any(|action| undoes(&action)));
+        let tried = n * (1 + if s.value.places { turns + u64::from(undone_moves) } else { undone });
         let of_shows = s.shows.iter().map(|show| (show.headings * s.robot.frames_per_action) as u64);
         let shown = match s.shows_any() {
             true => {
@@ -84,8 +89,8 @@ impl Memory {
         };
         let places = match s.value.method {
             Values::Local if s.value.places => {
-                // The map that is made, the best one so far, and those of the models: points, poses and cells.
-                n * (16 * p + 400) + (6 + waiting) * tried * (4 * p + 150)
+                // The map that is made, the best one so far, and those of the models: points, poses and cells; turns that were not made.
+                n * (16 * p + 400 + 200 * turns) + (6 + waiting) * n * (4 * p + 150)
             }
             _ => 0,
         };

@@ -11,12 +11,13 @@ use super::quality::{Quality, Trials};
 use super::trained::{Iteration, Sampled, Training, train, trips, with_one};
 use super::{Bench, ExperimentError};
 use crate::evaluate::{OptimalSteps, Situation, Trip, draw_pose};
-use crate::policy::Reflexes;
+use crate::policy::{Reflexes, step_of};
 use crate::random::stream;
 use crate::robot::{Action, Pose};
 use crate::scenario::in_goal;
 use crate::slow::coherence::incremental::{IncrementalSlow, Options as IncrementalOptions};
-use crate::value::{Fit, StreamQ, StreamQOptions};
+use crate::value::place::{MotionNoise, PlaceOutcomes, PlaceStep, Planner, Pose as PlacePose};
+use crate::value::{Fit, MapStep, StreamQ, StreamQOptions};
 use crate::vision::{Image, Observation, Observer};
 use crate::world::{Robot, Sensor};
 
@@ -176,6 +177,38 @@ impl Field<'_> {
         let transitions = self.walked.spread(self.walked.actions.len());
         let policies = local::of_pose(self.lab, &self.walked, transitions)?;
         self.qualities(|task| Ok(policies.trips(&self.trials.evaluator, task)))
+    }
+
+    /// Values that are planned on a lattice of the true poses of the whole walk, where what actions do is known.
+    pub fn planned(&self) -> Result<Vec<Quality>, ExperimentError> {
+        let (scenario, walked) = (&self.lab.scenario, &self.walked);
+        let (actions, unit) = (&scenario.robot.actions, scenario.robot.forward);
+        let place =
+            |pose: &Pose| PlacePose { x: pose.position.x / unit, y: pose.position.y / unit, heading: pose.heading };
+        let step = |t: usize| PlaceStep {
+            action: walked.actions[t].index(),
+            from: place(&walked.poses[t]),
+            to: place(&walked.poses[t + 1]),
+            blocked: walked.blocked[t],
+        };
+        let steps: Vec<PlaceStep> = (0..walked.actions.len()).map(step).collect();
+        let motions: Vec<MapStep> = actions.iter().map(|action| step_of(actions, action, false)).collect();
+        let planner = Planner::new(&motions, &steps, MotionNoise::ROBOT, unit)?;
+        let (ends, reflexes) = (&walked.poses[1..], Reflexes::new(scenario));
+        let nothing = vec![0.0; steps.len()];
+        self.qualities(|number| {
+            let task = self.lab.task(number);
+            let rewards: Vec<f64> = ends.iter().map(|end| self.lab.world.plan.reward(task, end.position)).collect();
+            let ended: Vec<bool> = ends.iter().map(|end| task.absorbing && in_goal(task, end.position)).collect();
+            let outcomes = PlaceOutcomes { rewards: &rewards, avoided: &nothing, ended: &ended };
+            let fit = planner.fit(&outcomes, scenario.value.gamma)?;
+            let choose = |situation: &Situation<'_>| {
+                // Where the walk never was, any action is as good.
+                let values = planner.values_at(&fit, place(situation.pose)).unwrap_or_else(|| vec![0.0; actions.len()]);
+                reflexes.best(&values, situation.recent).0
+            };
+            Ok(self.trials.evaluator.trips(number, false, &choose))
+        })
     }
 
     /// IncSFA sees the walk once; policies are made on its features of each of these moments.

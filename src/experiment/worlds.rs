@@ -45,6 +45,7 @@ enum Method {
     AgentLinear,
     Batch,
     PoseLocal,
+    PosePlanned,
     PoseLinear,
     Replanned,
     QOnPixels,
@@ -54,11 +55,12 @@ enum Method {
 }
 
 impl Method {
-    const ALL: [Method; 10] = [
+    const ALL: [Method; 11] = [
         Method::Agent,
         Method::AgentLinear,
         Method::Batch,
         Method::PoseLocal,
+        Method::PosePlanned,
         Method::PoseLinear,
         Method::Replanned,
         Method::QOnPixels,
@@ -73,6 +75,7 @@ impl Method {
             Method::AgentLinear => "the agent, linear values",
             Method::Batch => "the thesis's batch pipeline",
             Method::PoseLocal => "true pose, local values",
+            Method::PosePlanned => "true pose, planned on a lattice",
             Method::PoseLinear => "true pose, our LSPI",
             Method::Replanned => "true pose, shortest way",
             Method::QOnPixels => "Stream-Q(λ) on pixels",
@@ -224,6 +227,7 @@ fn of_field(field: &Field<'_>, method: Method, actions: usize) -> Result<Tried, 
             return Ok(Tried { support_vectors: Some(vectors), ..Tried::of(qualities, actions) });
         }
         Method::PoseLocal => field.true_pose_locally()?,
+        Method::PosePlanned => field.planned()?,
         Method::PoseLinear => field.true_pose(actions, features)?,
         Method::Replanned => field.replanned()?,
         Method::QOnPixels => {

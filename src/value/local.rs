@@ -544,6 +544,12 @@ pub(super) fn finite_points(what: &'static str, points: MatRef<'_, f32>) -> Resu
     finite_matrix(what, Mat::from_fn(points.nrows(), points.ncols(), |i, j| f64::from(points[(i, j)])).as_ref())
 }
 
+/// What a reward and what follows are worth together, see [`LocalOutcomes::bounded`].
+pub(super) fn worth_of(reward: f64, next: f64, bounded: bool) -> f64 {
+    let worth = reward + next;
+    if bounded && next > 0.0 { worth.max((1.0 - PENALTY) * next) } else { worth }
+}
+
 /// What came of each transition, for one task; in the order of [`Instances`].
 #[derive(Debug, Clone, Copy)]
 pub struct LocalOutcomes<'a> {
@@ -618,9 +624,7 @@ impl<'a> Local<'a> {
                 }
                 let (_, next) = self.best_after(outcomes, i, &worth);
                 let next = gamma * next;
-                let worth = outcomes.rewards[i] + next;
-                let worth = if outcomes.bounded[i] && next > 0.0 { worth.max((1.0 - PENALTY) * next) } else { worth };
-                worth.clamp(least, most)
+                worth_of(outcomes.rewards[i], next, outcomes.bounded[i]).clamp(least, most)
             };
             let new: Vec<f64> = map_all(n, of);
             let size = new.iter().fold(0.0f64, |size, value| size.max(value.abs()));

@@ -211,6 +211,21 @@ fn actions_of_another_program_have_names_and_inverses() {
 }
 
 #[test]
+fn a_building_of_three_rooms_tells_places_unless_the_scenario_says_otherwise() {
+    let building = |rooms: usize| {
+        let room =
+            |k: usize| format!("[[world.room]]\nname = \"room {k}\"\ncorners = [[{k}.0, 0.0], [{}.0, 4.0]]\n", k + 1);
+        (0..rooms).map(room).collect::<String>() + TASK
+    };
+    let places = |rooms: usize, sets: &[&str]| {
+        let sets: Vec<String> = sets.iter().map(|&set| set.to_owned()).collect();
+        Scenario::parse(&building(rooms), Path::new("test.toml"), &sets).unwrap().value.places
+    };
+    assert!(!places(2, &[]) && places(3, &[]) && places(4, &[]));
+    assert!(places(2, &["value.places=true"]) && !places(3, &["value.places=false"]));
+}
+
+#[test]
 fn broken_toml_is_reported_with_its_line() {
     let faults = faults_of("seed = 1\n[robot\nradius = 0.2\n", &[]);
     assert!(faults.iter().any(|fault| fault.line == Some(2) && fault.text.contains("broken TOML")), "{faults:?}");

@@ -19,6 +19,10 @@
 //! images were seen; and that no goal was found where one should be ([`GoalPlaces`]) makes it grow. Doubt has its price: of rooms that are
 //! alike, robots believe now and then in the one whose map fits a little better.
 //!
+//! # Values
+//! Where places are known, so is what actions do there: a [`Planner`] finds values on a lattice of poses, from fewer transitions than
+//! [local values](crate::value::local) need. The agent does not use it: its poses are not exact enough yet (docs/tried.md).
+//!
 //! # Units
 //! Positions are in lengths of a move, headings in radians, counter-clockwise. The map is right up to a rotation and a shift,
 //! which nothing can tell.
@@ -30,10 +34,12 @@
 
 mod belief;
 mod goals;
+mod lattice;
 mod looks;
 mod map;
 mod metric;
 mod placing;
+mod planning;
 mod states;
 #[cfg(test)]
 mod tests;
@@ -44,6 +50,7 @@ use std::f64::consts::TAU;
 pub use belief::Belief;
 pub use goals::GoalPlaces;
 pub use metric::{MotionNoise, PlaceMetric};
+pub use planning::{PlaceOutcomes, PlaceStep, Planner};
 pub use states::PlaceMap;
 
 /// A place and a direction. Units: lengths of a move, radians counter-clockwise.
