@@ -26,10 +26,9 @@ use crate::slow::{Method, SlowStream, solve_bytes};
 /// | what is shown: the map of the window, and `M` marks of the scenario | `N(12p + 16n + 160 + 16(6 + w))`, `M(d + (6 + w)(4p + 16))` |
 /// | images in the queue | `3 · width · height` each |
 ///
-/// `T`: transitions of local values, `N`, and as many for each turn where places are told, and once more where a move has an inverse; else `2N` where an action has an inverse, which
-/// undoes others. Where something is to be
-/// avoided, each task counts twice for local values; exploration to rarely visited places counts as eight tasks more. Marks that
-/// somebody makes while the run goes on are not counted.
+/// `T`: transitions of local values. Where places are told, `N`, as many for each turn, and once more where a move has an inverse; else `2N`
+/// where an action has an inverse, which undoes others. Where something is to be avoided, each task counts twice for local values;
+/// exploration to rarely visited places counts as eight tasks more. Marks that somebody makes while the run goes on are not counted.
 ///
 /// Beside it stand the program and what the allocator keeps. Where the solver's iteration cannot find the features, its
 /// dense reference takes `48m²` or, where the coordinates are redundant, `104m²` in its place; this is not counted.
