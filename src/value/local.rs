@@ -69,11 +69,11 @@ const LANES: usize = 8;
 /// Share of what follows a transition that its penalty takes at most, where penalties are bounded.
 const PENALTY: f64 = 0.5;
 /// Values have settled when none changes by more than this share of the largest.
-const SETTLED: f64 = 1e-6;
+pub(super) const SETTLED: f64 = 1e-6;
 /// Sweeps until values must have settled, times `1 − γ`: what is left of the first ones then is e⁻²⁰.
-const SWEEPS: f64 = 20.0;
+pub(super) const SWEEPS: f64 = 20.0;
 /// However near to 1 γ is, no more sweeps than these.
-const MOST_SWEEPS: f64 = 1e5;
+pub(super) const MOST_SWEEPS: f64 = 1e5;
 /// Values may be as large as this, so that what a regression makes of them is finite.
 const LARGEST: f64 = 1e300;
 

@@ -19,7 +19,7 @@ use super::states::Mix;
 use super::{Pose, turned};
 use crate::kernel::products::map_all;
 use crate::value::error::{discount, finite_list, parameter};
-use crate::value::local::worth_of;
+use crate::value::local::{MOST_SWEEPS, SETTLED, SWEEPS, worth_of};
 use crate::value::{Fit, MapStep, ValueError};
 
 /// What an action did is known from so many transitions that began nearest, within this distance; a radian is as far as so many moves.
@@ -33,12 +33,6 @@ const STOPPED: f64 = 0.5;
 /// Width over which rewards are averaged, and how far that is looked for, moves.
 const WIDTH: f64 = 0.3;
 const FAR: f64 = 0.9;
-/// Values have settled when none changes by more than this share of the largest.
-const SETTLED: f64 = 1e-6;
-/// Sweeps until they must have, times `1 − γ`.
-const SWEEPS: f64 = 20.0;
-/// However near to 1 γ is, no more sweeps than these.
-const MOST_SWEEPS: f64 = 1e5;
 
 /// A transition.
 #[derive(Debug, Clone, Copy)]

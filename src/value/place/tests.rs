@@ -351,7 +351,7 @@ fn values_of_places_lead_through_doors() {
     let in_goal = |at: Pose| (at.x - 1.0).hypot(at.y - 1.0) < 1.0;
     for seed in 21..=23 {
         // About ten states for each square of a move and each of eight headings. With three, 93 of 100 robots arrive, as who is stopped
-        // where the values know a way tries it again and again; so do one or two here.
+        // where the values know a way tries it again and again; so do a few here.
         let (mut rooms, steps) = driven(3, 6000, seed);
         let planner = Planner::new(&MOTIONS, &steps, NOISE, 1.0).unwrap();
         let there = |step: &PlaceStep| in_goal(step.to);
@@ -421,7 +421,7 @@ fn what_is_to_be_avoided_is_gone_around_and_an_action_never_tried_is_not_taken()
 
 #[test]
 fn a_lattice_interpolates_between_poses_near_states() {
-    // States on all of a floor of six by four moves, and one that is misplaced.
+    // States on all of a floor of six by four moves.
     let states = (0..13).flat_map(|x| (0..9).map(move |y| (f64::from(x) * 0.5, f64::from(y) * 0.5)));
     let states = states.map(|(x, y)| Pose { x, y, heading: 0.0 });
     let lattice = Lattice::new(states.clone());
