@@ -48,6 +48,8 @@ impl Trip {
 
 /// What a policy may know in a trial.
 pub struct Situation<'a> {
+    /// Number of the trial, in the order of the starts.
+    pub trial: usize,
     /// The true pose.
     pub pose: &'a Pose,
     /// What the camera sees; none in trials without a camera.
@@ -60,6 +62,7 @@ pub struct Situation<'a> {
 
 /// A robot on its way.
 struct Trial {
+    number: usize,
     robot: Mover,
     sensor: Sensor,
     observer: Observer,
@@ -340,7 +343,7 @@ impl Evaluator {
             }
             let judge = |trial: &mut Trial, sees: bool| {
                 let (seen, recent, step) = (sees.then_some(&trial.seen), trial.recent, trial.step);
-                choose(&Situation { pose: &trial.robot.pose(), seen, recent, step }, &mut trial.belief)
+                choose(&Situation { trial: trial.number, pose: &trial.robot.pose(), seen, recent, step }, &mut trial.belief)
             };
             let actions: Vec<Option<Action>> = match frame {
                 Some(frame) => {
@@ -385,6 +388,7 @@ impl Evaluator {
             let seconds = self.scenario.robot.action_seconds;
             let sensor = Sensor::new(&self.scenario, seconds, noise("camera"));
             Trial {
+                number: index,
                 robot,
                 sensor,
                 observer: Observer::default(),

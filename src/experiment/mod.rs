@@ -19,6 +19,7 @@
 //! | [`worlds`] | none: the agent in all worlds, beside what it is to be compared with |
 //! | [`place_cells`] | §4.2.3; Franzius et al. 2007 |
 
+mod alike;
 mod band;
 mod bench;
 mod cache;

@@ -48,6 +48,7 @@ enum Method {
     PosePlanned,
     PoseLinear,
     Replanned,
+    ToldApart,
     QOnPixels,
     Random,
     Reference,
@@ -55,7 +56,7 @@ enum Method {
 }
 
 impl Method {
-    const ALL: [Method; 11] = [
+    const ALL: [Method; 12] = [
         Method::Agent,
         Method::AgentLinear,
         Method::Batch,
@@ -63,6 +64,7 @@ impl Method {
         Method::PosePlanned,
         Method::PoseLinear,
         Method::Replanned,
+        Method::ToldApart,
         Method::QOnPixels,
         Method::Random,
         Method::Reference,
@@ -78,6 +80,7 @@ impl Method {
             Method::PosePlanned => "true pose, planned on a lattice",
             Method::PoseLinear => "true pose, our LSPI",
             Method::Replanned => "true pose, shortest way",
+            Method::ToldApart => "the same, but for rooms that look alike",
             Method::QOnPixels => "Stream-Q(λ) on pixels",
             Method::Random => "random actions",
             Method::Reference => "reference policy",
@@ -230,6 +233,7 @@ fn of_field(field: &Field<'_>, method: Method, actions: usize) -> Result<Tried, 
         Method::PosePlanned => field.planned()?,
         Method::PoseLinear => field.true_pose(actions, features)?,
         Method::Replanned => field.replanned()?,
+        Method::ToldApart => field.told_apart()?,
         Method::QOnPixels => {
             let episode = scenario.evaluate.max_steps;
             let run = StreamQRun { actions: &[actions], episode, features: field.video.nrows() + 1 };
