@@ -15,6 +15,8 @@ pub struct TaskResult {
     pub success_wilson_low: f64,
     /// Steps of the trials that arrived, mean; `None` if none did.
     pub mean_steps: Option<f64>,
+    /// Steps that the policy expected at the starts of the trials that arrived, by its values, mean; `None` where values do not tell it.
+    pub expected_steps: Option<f64>,
     /// Optimal steps from the same starts, mean.
     pub optimal_mean_steps: f64,
     /// Steps beyond the optimal ones, mean over the trials that arrived.

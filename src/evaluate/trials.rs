@@ -71,8 +71,7 @@ struct Trial {
     later: u64,
     recent: Recent,
     step: Option<MapStep>,
-    /// Where the policy believes the robot to be.
-    belief: Option<Belief>,
+    memory: Memory,
     actions: Vec<Action>,
     poses: Vec<Pose>,
     /// Whether it is over.
@@ -81,6 +80,15 @@ struct Trial {
     declared_at: Option<f64>,
     /// Actions that led into what is to be avoided.
     entries: usize,
+}
+
+/// What a policy remembers in a trial.
+#[derive(Default)]
+struct Memory {
+    /// Where it believes the robot to be.
+    belief: Option<Belief>,
+    /// Actions until the goal that it expected at the start.
+    expected: Option<f64>,
 }
 
 /// Outcome of the trials of one task.
@@ -214,13 +222,15 @@ impl Evaluator {
                 .then(|| Outcome::new(&self.run(learned, task, course, reflexes.off()), &self.scenario.robot.actions));
             let result = self.result(course, &Outcome::new(&trials, &self.scenario.robot.actions), unaided.as_ref());
             let arrival = course.task.is_shown().then(|| self.arrival(course, &trials));
+            let arrived = trials.iter().filter(|trial| trial.arrived);
+            let expected_steps = mean(arrived.filter_map(|trial| trial.memory.expected));
             let entries = |trials: &[Trial]| trials.iter().map(|trial| trial.entries).sum();
             let avoided = (!course.avoid.is_empty()).then(|| Avoided {
                 entries: entries(&trials),
                 entries_without: heedless.as_ref().map(|heedless| entries(&self.run(heedless, task, course, reflexes))),
                 detour: course.detour(&trials),
             });
-            (TaskResult { arrival, avoided, ..result }, course.ways(trials))
+            (TaskResult { arrival, avoided, expected_steps, ..result }, course.ways(trials))
         });
         tried.collect()
     }
@@ -254,6 +264,7 @@ impl Evaluator {
             success: share(arrived, n),
             success_wilson_low: wilson_low(arrived, n),
             mean_steps: outcome.mean_steps(),
+            expected_steps: None,
             optimal_mean_steps: mean(optimal.iter().flatten().map(|&best| best as f64)).unwrap_or(f64::NAN),
             extra_steps: mean(extra.into_iter()),
             convergence_quality: self.quality(course, outcome),
@@ -306,11 +317,16 @@ impl Evaluator {
         }
         // Who goes on was told that it is not there.
         let in_goal: Vec<Option<bool>> = (0..=task).map(|of| (of == task).then_some(false)).collect();
-        let greedy = |situation: &Situation<'_>, belief: &mut Option<Belief>| {
+        let gamma = self.scenario.value.gamma;
+        let greedy = |situation: &Situation<'_>, memory: &mut Memory| {
             // These trials have a camera.
+            let Memory { belief, expected } = memory;
             let state = situation.seen.map(|seen| learned.state_on_way(seen, belief, situation.step, &in_goal));
             if state.as_ref().is_some_and(|state| state.is_there(task)) {
                 return None;
+            }
+            if situation.step.is_none() {
+                *expected = state.as_ref().and_then(|state| state.expected_actions(task, gamma));
             }
             let values = state.map_or(ActionValues::new([]), |state| state.q_values(task));
             Some(reflexes.best(&values, situation.recent).0)
@@ -333,7 +349,7 @@ impl Evaluator {
         &self,
         course: &TrialTask,
         frame: Option<u64>,
-        choose: &(dyn Fn(&Situation<'_>, &mut Option<Belief>) -> Option<Action> + Sync),
+        choose: &(dyn Fn(&Situation<'_>, &mut Memory) -> Option<Action> + Sync),
     ) -> Vec<Trial> {
         let mut trials = self.begin(course);
         for _ in 0..self.scenario.evaluate.max_steps {
@@ -343,7 +359,7 @@ impl Evaluator {
             }
             let judge = |trial: &mut Trial, sees: bool| {
                 let (seen, recent, step) = (sees.then_some(&trial.seen), trial.recent, trial.step);
-                choose(&Situation { trial: trial.number, pose: &trial.robot.pose(), seen, recent, step }, &mut trial.belief)
+                choose(&Situation { trial: trial.number, pose: &trial.robot.pose(), seen, recent, step }, &mut trial.memory)
             };
             let actions: Vec<Option<Action>> = match frame {
                 Some(frame) => {
@@ -396,7 +412,7 @@ impl Evaluator {
                 later: noise("distractors").random_range(0..LATEST),
                 recent: Recent::default(),
                 step: None,
-                belief: None,
+                memory: Memory::default(),
                 actions: Vec::new(),
                 poses: vec![pose],
                 ended: false,

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use super::tail::Tail;
-use crate::log::messages::{Decision, DictionaryGrowth, FrameTaken, Image, Log, PlaceBelief, PolicyUpdate, RobotState};
+use crate::log::messages::{Decision, DictionaryGrowth, FrameTaken, Image, Log, PlaceBelief, PolicyUpdate, Prospect, RobotState};
 use crate::log::{LogError, LogReader, Record, log_files, topics};
 use crate::report::gather::Gathered;
 
@@ -45,6 +45,8 @@ pub struct Newest {
     pub decision: Option<Decision>,
     /// Where the robot may be.
     pub places: Option<PlaceBelief>,
+    /// What is expected of the pursuit.
+    pub prospect: Option<Prospect>,
     /// The block of frames that went through the dictionary.
     pub growth: Option<DictionaryGrowth>,
     /// How the policy of each task came about; without its weights.
@@ -241,6 +243,8 @@ impl Newest {
             self.decision = Some(record.decode()?);
         } else if is(topics::PLACES.name()) {
             self.places = Some(record.decode()?);
+        } else if is(topics::PROSPECT.name()) {
+            self.prospect = Some(record.decode()?);
         } else if is(topics::DICTIONARY.name()) {
             self.growth = Some(record.decode()?);
         } else if is(topics::POLICY.name()) {

@@ -102,6 +102,8 @@ pub struct DecisionView {
     pub reflex: bool,
     /// How probable the place is that the robot most probably is at, 0 to 1; where places are told.
     pub sure: Option<f64>,
+    /// Of a pursuit, actions until the goal that are expected, and how probable it is to arrive before it is given up.
+    pub prospect: Option<(f64, f64)>,
 }
 
 /// The dictionary.
@@ -360,6 +362,11 @@ impl Watcher {
                     .as_ref()
                     .filter(|places| places.frame == decision.frame)
                     .and_then(|places| places.probabilities.first().copied()),
+                prospect: newest
+                    .prospect
+                    .as_ref()
+                    .filter(|prospect| prospect.frame == decision.frame)
+                    .map(|prospect| (finely(prospect.actions), prospect.arrival)),
             }),
             camera: pose.and_then(|pose| self.lookout.camera(gathered.last_frame, pose)),
             observation: newest.observation.as_ref().filter(|seen| !seen.rgb.is_empty()).map(|seen| Picture {

@@ -9,7 +9,7 @@ use std::hash::{DefaultHasher, Hasher};
 use super::topics;
 
 /// Topics whose messages follow from scenario, seed and frames alone, in the order in which a difference shows on them.
-const REPEATABLE: [&str; 11] = [
+const REPEATABLE: [&str; 12] = [
     topics::OBSERVATION.name(),
     topics::FRAME.name(),
     topics::TRANSITION.name(),
@@ -18,13 +18,15 @@ const REPEATABLE: [&str; 11] = [
     topics::REQUEST.name(),
     topics::MODEL.name(),
     topics::POLICY.name(),
+    topics::PROSPECT.name(),
     topics::PLACES.name(),
     topics::DECISION.name(),
     topics::COMMAND.name(),
 ];
 
 /// Those that a decision gives: they have the stamp of what was decided on.
-const DECIDED: [&str; 3] = [topics::PLACES.name(), topics::DECISION.name(), topics::COMMAND.name()];
+const DECIDED: [&str; 4] =
+    [topics::PROSPECT.name(), topics::PLACES.name(), topics::DECISION.name(), topics::COMMAND.name()];
 
 /// One message of a recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -6,7 +6,7 @@ use std::{fmt, marker::PhantomData};
 
 use super::messages::{
     Decision, DictionaryGrowth, Evaluation, FrameTaken, GoalMoved, Health, Image, LaserScan, Log, ModelRequest,
-    ModelUpdate, Odometry, PlaceBelief, PolicyUpdate, PoseStamped, PursuitEnded, RewardGiven, RobotInput, RobotState,
+    ModelUpdate, Odometry, PlaceBelief, PolicyUpdate, PoseStamped, Prospect, PursuitEnded, RewardGiven, RobotInput, RobotState,
     RunEnd, Text, Transition, TwistStamped,
 };
 use super::{Message, cdr};
@@ -118,6 +118,8 @@ topics! {
     PURSUIT: PursuitEnded = "/adagio/pursuit";
     /// Actions chosen.
     DECISION: Decision = "/adagio/decision";
+    /// What is expected of pursuits.
+    PROSPECT: Prospect = "/adagio/prospect";
     /// Where the robot may be, as far as places are told.
     PLACES: PlaceBelief = "/adagio/places";
     /// Actions completed.

@@ -145,6 +145,11 @@ impl BehaviourSchedule {
         (self.leg, ended)
     }
 
+    /// Actions of the pursuit under way before the one that was asked for last, and those that are left with it.
+    pub fn pursued(&self) -> (usize, usize) {
+        (self.pursue_timeout.saturating_sub(self.left + 1), self.left + 1)
+    }
+
     /// What the scenario says about the time after a task's goal was reached.
     pub fn then(&self, task: usize) -> Then {
         self.then[task]

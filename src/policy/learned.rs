@@ -50,6 +50,8 @@ pub struct Learned {
     pub places: Option<PlaceMap>,
     /// What counts as being there, in the same order; `None` where no marks say it. None at all where nothing is shown.
     pub regions: Vec<Option<GoalRegion>>,
+    /// Of local values: what a transition into the goal is worth at most, by task.
+    at_goal: Vec<f64>,
     /// The same Q-values, straight from pixels.
     values: Values,
     /// Where values are linear: points of observations in the map's coordinates.
@@ -88,6 +90,19 @@ impl State<'_> {
             Values::Linear(values) => values.of(self.observation, task),
             Values::Local(points) => self.local(points).0[task],
         }
+    }
+
+    /// How many actions the goal of a task is away, the one that arrives included, by how much less the best action is worth than one
+    /// that arrives, for a discount `gamma`. A penalty on the way counts as a longer one. `None` where values are not local, or no
+    /// action is worth more than nothing.
+    ///
+    /// # Panics
+    /// As [`Learned::q_values`].
+    pub fn expected_actions(&self, task: usize, gamma: f64) -> Option<f64> {
+        let at_goal = *self.learned.at_goal.get(task)?;
+        let worth = self.q_values(task).iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let actions = 1.0 + (worth / at_goal).min(1.0).ln() / gamma.ln();
+        (worth > 0.0 && at_goal > 0.0 && actions.is_finite()).then_some(actions)
     }
 
     /// Whether this is the goal of a task that was shown, or what was shown to be avoided; never without marks.
@@ -232,6 +247,7 @@ impl Learned {
             map,
             places: None,
             regions,
+            at_goal: Vec::new(),
             values,
             map_points,
         })
@@ -266,6 +282,8 @@ impl Learned {
                 return Err(PolicyError::Worth { task, found, expected: instances.len() });
             }
         }
+        let most = |of_task: &Mat<f64>| of_task.col(0).iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let at_goal = worth.iter().map(most).collect();
         let values = Values::Local(PixelPoints::new(&model, metric::weights(&model, found).as_ref())?);
         Ok(Learned {
             epoch,
@@ -280,6 +298,7 @@ impl Learned {
             map: None,
             places,
             regions: Vec::new(),
+            at_goal,
             values,
             map_points: None,
         })

@@ -142,19 +142,20 @@ fn imported_lines(imported: &ImportReport) -> String {
 /// Results of the tasks, and the decoding of the pose.
 pub fn tasks_table(tasks: &[TaskResult], pose: Option<&PoseDecode>) -> String {
     let mut text = String::from(
-        "task        starts  success  (at least)  steps  optimal  extra  quality  reference  dithers/1000  | alone: success  quality\n",
+        "task        starts  success  (at least)  steps  expected  optimal  extra  quality  reference  dithers/1000  | alone: success  quality\n",
     );
     let number = |value: Option<f64>, digits: usize| value.map_or("-".to_owned(), |value| format!("{value:.digits$}"));
     for task in tasks {
         let alone = task.without_reflexes.as_ref();
         let _ = writeln!(
             text,
-            "{:<11} {:>6}  {:>6.1}%  {:>9.1}%  {:>5}  {:>7.2}  {:>5}  {:>7.3}  {:>8.1}%  {:>12.1}  | {:>13}%  {:>7}",
+            "{:<11} {:>6}  {:>6.1}%  {:>9.1}%  {:>5}  {:>8}  {:>7.2}  {:>5}  {:>7.3}  {:>8.1}%  {:>12.1}  | {:>13}%  {:>7}",
             task.name,
             task.starts,
             100.0 * task.success,
             100.0 * task.success_wilson_low,
             number(task.mean_steps, 2),
+            number(task.expected_steps, 2),
             task.optimal_mean_steps,
             number(task.extra_steps, 2),
             task.convergence_quality,

@@ -10,7 +10,7 @@ use adagio::log::{
     messages::{
         Decision, DictionaryGrowth, Evaluation, FrameTaken, GoalMoved, Header, Health, Image, LaserScan, Log,
         ModelRequest, ModelUpdate, Odometry, PlaceBelief, PolicyUpdate, Pose, PoseStamped, PoseWithCovariance,
-        PursuitEnded, RewardGiven, RobotInput, RobotState, RunEnd, Text, Time, Transition, Twist, TwistStamped,
+        Prospect, PursuitEnded, RewardGiven, RobotInput, RobotState, RunEnd, Text, Time, Transition, Twist, TwistStamped,
         TwistWithCovariance, Vector3,
     },
     topics,
@@ -57,6 +57,7 @@ pub fn write_samples<W: Write>(
         on.put(topics::ROBOT_INPUT, input(header.clone(), round))?;
         on.put(topics::PURSUIT, pursuit(header.clone(), round))?;
         on.put(topics::DECISION, decision(header.clone(), round))?;
+        on.put(topics::PROSPECT, prospect(header.clone(), round))?;
         on.put(topics::PLACES, places(header.clone(), round))?;
         on.put(topics::TRANSITION, transition(header.clone(), round))?;
         on.put(topics::DICTIONARY, growth(header.clone(), round))?;
@@ -214,6 +215,11 @@ fn decision(header: Header, round: u32) -> Decision {
 fn places(header: Header, round: u32) -> PlaceBelief {
     let of = |first: u32| numbers(first + round, 2);
     PlaceBelief { header, frame: u64::from(round), probabilities: of(0), x: of(1), y: of(2), headings: of(3) }
+}
+
+fn prospect(header: Header, round: u32) -> Prospect {
+    let (task, arrival) = (names(1).concat(), 1.0 / f64::from(round + 2));
+    Prospect { header, frame: u64::from(round), task, done: round, actions: f64::from(round) + 0.1, arrival }
 }
 
 fn transition(header: Header, round: u32) -> Transition {

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use crate::common::{adagio, report, smoke_run, stderr, stdout};
 use crate::export::{export, messages};
-use adagio::log::messages::PlaceBelief;
+use adagio::log::messages::{PlaceBelief, Prospect};
 use adagio::log::{LogReader, Record};
 use serde_json::Value;
 
@@ -246,6 +246,10 @@ fn a_run_that_was_interrupted_goes_on_to_the_end_of_one_that_was_not() {
     let believed = messages::<PlaceBelief>(&folder.path().join("whole"), "/adagio/places");
     assert!(believed.len() > 200 && believed.iter().all(|of| (0.0..=1.001).contains(&of.probabilities.iter().sum())));
     assert!(believed.iter().all(|of| of.probabilities.is_sorted_by(|a, b| a >= b) && of.x.len() == of.y.len()));
+    // Of each pursuit it is stated how long it takes, and how probable it is to arrive.
+    let stated = messages::<Prospect>(&folder.path().join("whole"), "/adagio/prospect");
+    assert!(stated.iter().any(|of| of.done == 0) && stated.iter().any(|of| of.done > 0), "{} are stated", stated.len());
+    assert!(stated.iter().all(|of| of.actions >= 1.0 && of.arrival > 0.0 && of.arrival < 1.0));
     let about = export(folder.path(), &["whole", "--out", "arrays"]);
     assert_eq!(about["files"]["places.npz"]["probability"]["shape"], serde_json::json!([believed.len(), 8]));
     signalled(folder.path(), &actions, 500_000, "-INT");

@@ -8,7 +8,7 @@ use std::path::Path;
 use adagio::agent::read_checkpoint;
 use adagio::log::messages::{
     Decision, DictionaryGrowth, Evaluation, FrameTaken, GoalMoved, Health, Image, LaserScan, Log, ModelRequest,
-    ModelUpdate, Odometry, PlaceBelief, PolicyUpdate, PoseStamped, RunEnd, Transition, TwistStamped,
+    ModelUpdate, Odometry, PlaceBelief, PolicyUpdate, PoseStamped, Prospect, RunEnd, Transition, TwistStamped,
 };
 use adagio::log::{Ending, LogReader, Message, Record, cdr, recover_into, topics};
 use adagio::scenario::Scenario;
@@ -86,6 +86,7 @@ pub fn cdr(bytes: &[u8]) {
     decode::<Transition>(bytes);
     decode::<DictionaryGrowth>(bytes);
     decode::<PlaceBelief>(bytes);
+    decode::<Prospect>(bytes);
     decode::<ModelUpdate>(bytes);
     decode::<PolicyUpdate>(bytes);
     decode::<Evaluation>(bytes);

@@ -21,7 +21,7 @@ use crate::agent::runtime::marker::{Marker, Quiescence, SnapshotSettings};
 use crate::agent::runtime::queue::{Closed, Inbox, Outbox};
 use crate::agent::runtime::status::Status;
 use crate::agent::runtime::timing::ModelTiming;
-use crate::policy::{Behaviour, BehaviourSchedule, Directed, Learned, Recent, Reflexes, Tally, Walk};
+use crate::policy::{Behaviour, BehaviourSchedule, Directed, Learned, Prospects, Recent, Reflexes, Tally, Walk};
 use crate::random::stream;
 use crate::robot::Action;
 use crate::scenario::{Body, Mode, Scenario, Task, Then};
@@ -33,10 +33,12 @@ use crate::vision::Observation;
 pub struct Act {
     /// Which tasks have goals that are shown.
     shown: Vec<bool>,
+    gamma: f64,
     learned: Option<Arc<Learned>>,
     behaviour: BehaviourSchedule,
     walk: Walk,
     directed: Directed,
+    prospects: Prospects,
     reflexes: Reflexes,
     way: Way,
     number: usize,
@@ -47,10 +49,12 @@ impl Act {
     pub fn new(scenario: &Scenario) -> Self {
         Act {
             shown: scenario.tasks.iter().map(Task::is_shown).collect(),
+            gamma: scenario.value.gamma,
             learned: None,
             behaviour: BehaviourSchedule::new(scenario, stream(scenario.seed, "legs")),
             walk: Walk::new(scenario, stream(scenario.seed, "explore")),
             directed: Directed::new(scenario, stream(scenario.seed, "directed")),
+            prospects: Prospects::default(),
             reflexes: Reflexes::new(scenario),
             way: Way::new(scenario),
             number: 0,
@@ -77,9 +81,13 @@ impl Act {
             self.behaviour.send(goto);
         }
         let (leg, ended) = self.behaviour.next(self.number, &in_goal, &able);
+        ended.iter().for_each(|end| self.prospects.ended(end));
+        let mut prospect = None;
         let values = match (leg, &state) {
             (Behaviour::Pursue(task), Some(state)) => {
                 self.directed.begin();
+                let expected = state.expected_actions(task, self.gamma);
+                prospect = self.prospects.of(task, self.behaviour.pursued(), expected);
                 Some(state.q_values(task))
             }
             (Behaviour::Pursue(_), None) => None,
@@ -95,7 +103,7 @@ impl Act {
         let places = state.as_ref().map_or(Vec::new(), |state| state.places().to_vec());
         let epoch = self.learned.as_ref().map_or(0, |learned| learned.epoch);
         let ends_run = ended.is_some_and(|end| end.arrived && self.behaviour.then(end.task) == Then::Stop);
-        Decision { number: self.number - 1, action, leg, epoch, places, q_values, reflex, ended, ends_run }
+        Decision { number: self.number - 1, action, leg, epoch, places, prospect, q_values, reflex, ended, ends_run }
     }
 
     /// How pursuits ended so far, by task.
@@ -110,6 +118,7 @@ impl Persist for Act {
         snapshot.inner("behaviour", &mut self.behaviour)?;
         snapshot.inner("walk", &mut self.walk)?;
         snapshot.inner("directed", &mut self.directed)?;
+        snapshot.inner("prospects", &mut self.prospects)?;
         snapshot.inner("way", &mut self.way)?;
         snapshot.value("number", &mut self.number)
     }

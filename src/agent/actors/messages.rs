@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use crate::agent::runtime::marker::Marker;
 use crate::dictionary::Dictionary;
-use crate::policy::{Behaviour, Goto, Learned, PursuitEnd, Recent};
+use crate::policy::{Behaviour, Goto, Learned, Prospect, PursuitEnd, Recent};
 use crate::robot::{Action, ActionValues};
 use crate::slow::{Moments, SlowModel};
 use crate::value::place::Pose;
@@ -115,6 +115,8 @@ pub struct Decision {
     pub epoch: u32,
     /// Where the robot may be, and how probable that is, the most probable place first; empty where places are not told.
     pub places: Vec<(Pose, f64)>,
+    /// What is expected of the pursuit; where values tell it.
+    pub prospect: Option<Prospect>,
     /// Q-values of the pursued task.
     pub q_values: Option<ActionValues>,
     /// Whether a reflex replaced the policy's wish.

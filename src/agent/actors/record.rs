@@ -11,7 +11,7 @@ use crate::agent::runtime::status::StatusValues;
 use crate::evaluate::TaskResult;
 use crate::log::messages as msg;
 use crate::log::{LogError, Message, RunLog, RunTotals, Topic, topics};
-use crate::policy::{Behaviour, Goto, Learned, PursuitEnd};
+use crate::policy::{Behaviour, Goto, Learned, Prospect, PursuitEnd};
 use crate::robot::{Action, ActionSet, Pose, Velocity};
 use crate::scenario::Scenario;
 use crate::source::live::{Event, Reading, Received};
@@ -296,7 +296,13 @@ impl Recorder {
             q_values: decision.q_values.map_or(Vec::new(), |values| values.to_vec()),
             reflex: decision.reflex,
         };
+        let task = message.task.clone();
         self.write(topics::DECISION, frame, stamp_ns, message)?;
+        if let Some(Prospect { done, actions, arrival }) = decision.prospect {
+            let header = msg::Header::new(stamp_ns, "base_link");
+            let message = msg::Prospect { header, frame, task, done: done as u32, actions, arrival };
+            self.write(topics::PROSPECT, frame, stamp_ns, message)?;
+        }
         if decision.places.is_empty() {
             return Ok(());
         }

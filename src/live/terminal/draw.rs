@@ -164,7 +164,10 @@ fn health(buffer: &mut Buffer, area: Rect, view: &View) {
         let reflex = if decision.reflex { " (reflex)" } else { "" };
         let sure =
             decision.sure.map_or_else(String::new, |sure| format!(", sure of the place by {:.0} %", 100.0 * sure));
-        format!("{why}: {}{reflex}{sure}   ", decision.action)
+        let prospect = decision.prospect.map_or_else(String::new, |(actions, arrival)| {
+            format!(", about {actions:.0} actions to go, {:.0} % in time", 100.0 * arrival)
+        });
+        format!("{why}: {}{reflex}{prospect}{sure}   ", decision.action)
     });
     let dictionary = view.dictionary.as_ref().map_or_else(String::new, |dictionary| {
         let budget = dictionary.budget.map_or(String::new(), |budget| format!(" of {}", Numbered(budget as u64)));

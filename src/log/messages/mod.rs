@@ -11,7 +11,7 @@ pub mod standard;
 
 pub use own::{
     Decision, DictionaryGrowth, Evaluation, FrameTaken, GoalMoved, Health, ModelRequest, ModelUpdate, PlaceBelief,
-    PolicyUpdate, PursuitEnded, RewardGiven, RobotInput, RobotState, RunEnd, Transition,
+    PolicyUpdate, Prospect, PursuitEnded, RewardGiven, RobotInput, RobotState, RunEnd, Transition,
 };
 pub use standard::{
     Header, Image, LaserScan, Log, Odometry, Point, Pose, PoseStamped, PoseWithCovariance, Quaternion, Text, Time,

@@ -41,6 +41,22 @@ messages! {
         reflex: bool,
     } in Header Time;
 
+    /// What is expected of a pursuit.
+    adagio_msgs / Prospect Prospect {
+        /// When.
+        header: Header,
+        /// The frame that was decided on.
+        frame: u64,
+        /// The task that is pursued.
+        task: String,
+        /// Actions of the pursuit so far: 0 when it begins.
+        done: u32,
+        /// Actions until the goal that are expected from here.
+        actions: f64,
+        /// Probability of arriving before it is given up, by how earlier pursuits went.
+        arrival: f64,
+    } in Header Time;
+
     /// Where the robot may be on the map that it has made, the most probable place first.
     adagio_msgs / PlaceBelief PlaceBelief {
         /// When.

@@ -129,6 +129,8 @@ pub enum Mark {
     Line,
     /// A line with a dot at each point.
     Points,
+    /// Dots alone.
+    Dots,
     /// A dashed line.
     Dashed,
 }
@@ -249,11 +251,12 @@ impl Chart {
                     Mark::Line | Mark::Points => {
                         chart.draw_series(LineSeries::new(part.clone(), colour.stroke_width(2)))?;
                     }
+                    Mark::Dots => {}
                     Mark::Dashed => {
                         chart.draw_series(DashedLineSeries::new(part.clone(), 6, 4, colour.stroke_width(2)))?;
                     }
                 }
-                if line.mark == Mark::Points {
+                if matches!(line.mark, Mark::Points | Mark::Dots) {
                     chart.draw_series(part.map(|point| Circle::new(point, 3, colour.filled())))?;
                 }
             }

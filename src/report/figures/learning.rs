@@ -12,7 +12,7 @@ use crate::report::draw::{Axis, Chart, Colours, DrawError, Line, Mark, Panel, Pa
 const FEW: usize = 2;
 
 /// What happened at a moment.
-const GREY: RGBColor = RGBColor(130, 130, 130);
+pub const GREY: RGBColor = RGBColor(130, 130, 130);
 
 pub fn section(material: &Material<'_>) -> Result<Section, DrawError> {
     let gathered = material.gathered;

@@ -5,6 +5,7 @@ mod health;
 mod learning;
 mod losses;
 mod policy;
+mod prospects;
 mod seen;
 mod trials;
 
@@ -130,6 +131,7 @@ pub fn sections(material: &Material<'_>) -> Result<Vec<Section>, DrawError> {
     Ok(vec![
         policy::section(material)?,
         trials::section(material)?,
+        prospects::section(material)?,
         learning::section(material)?,
         features::section(material)?,
         seen::section(material)?,

@@ -4,7 +4,7 @@ mod downsample;
 mod seen;
 
 pub use downsample::Downsample;
-pub use seen::{HealthSeen, ModelSeen, Motion, Sample, TopicSeen, Tried};
+pub use seen::{HealthSeen, ModelSeen, Motion, Pursued, Sample, TopicSeen, Tried};
 
 use std::collections::{BTreeMap, VecDeque};
 use std::fs::File;
@@ -17,7 +17,7 @@ use nalgebra::Point2;
 
 use crate::log::messages::{
     Decision, DictionaryGrowth, Evaluation, FrameTaken, GoalMoved, Health, Image, Log, ModelUpdate, PoseStamped,
-    PursuitEnded, Text, Transition,
+    Prospect, PursuitEnded, Text, Transition,
 };
 use crate::log::writer::METADATA_NAME;
 use crate::log::{FilesReader, LogError, Record, topics};
@@ -122,6 +122,10 @@ pub struct Gathered {
     pub marks: BTreeMap<String, u64>,
     /// The last pursuit that is over.
     pub pursuit: Option<PursuitEnded>,
+    /// Pursuits of which something was expected: an even selection.
+    pub pursued: Downsample<Pursued>,
+    /// What was expected at the beginning of the pursuit under way.
+    begun: Option<Prospect>,
     /// The tasks for which the next observation is marked.
     marking: Vec<String>,
     recent: VecDeque<(u64, Pose)>,
@@ -227,6 +231,7 @@ impl Gathered {
             members: Downsample::first_of(MEMBERS),
             models: Downsample::last_of(LINE),
             health: Downsample::new(LINE, HealthSeen::merge),
+            pursued: Downsample::first_of(LINE),
             ..Gathered::default()
         }
     }
@@ -300,7 +305,21 @@ impl Gathered {
                 self.marking.push(text);
             }
         } else if is(topics::PURSUIT.name()) {
-            self.pursuit = Some(record.decode()?);
+            let end: PursuitEnded = record.decode()?;
+            if let Some(begun) = self.begun.take().filter(|begun| begun.task == end.task) {
+                self.pursued.push(Pursued {
+                    expected: begun.actions,
+                    arrival: begun.arrival,
+                    actions: end.actions,
+                    arrived: end.arrived,
+                });
+            }
+            self.pursuit = Some(end);
+        } else if is(topics::PROSPECT.name()) {
+            let prospect: Prospect = record.decode()?;
+            if prospect.done == 0 {
+                self.begun = Some(prospect);
+            }
         } else if is(topics::DECISION.name()) {
             let decision: Decision = record.decode()?;
             self.decided[usize::from(decision.behaviour == Decision::PURSUE)] += 1;

@@ -37,6 +37,19 @@ pub struct Tried {
     pub quality: f64,
 }
 
+/// A pursuit that is over, and what was expected of it when it began.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pursued {
+    /// Actions that were expected.
+    pub expected: f64,
+    /// Probability of arriving in time that was stated.
+    pub arrival: f64,
+    /// Actions that it took.
+    pub actions: u32,
+    /// Whether it arrived.
+    pub arrived: bool,
+}
+
 /// How the program was doing; the worst of several where they were merged.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct HealthSeen {

@@ -365,7 +365,7 @@ function draw() {
   $('map').classList.toggle('moving', moving);
   const d = now.decision;
   const values = d?.q_values.length ? ` (worth of forward ${short(d.q_values[0])}, left ${short(d.q_values[1])}, right ${short(d.q_values[2])})` : '';
-  $('decision').textContent = d ? `${d.task ? `On the way to ${d.task}` : 'Exploring'}: ${d.action}${d.reflex ? ', by reflex' : ''}${values}${d.sure == null ? '' : `. Sure of its place by ${Math.round(100 * d.sure)} %`}${now.pursuit ? `. Last pursuit: ${now.pursuit}` : ''}` : '';
+  $('decision').textContent = d ? `${d.task ? `On the way to ${d.task}` : 'Exploring'}: ${d.action}${d.reflex ? ', by reflex' : ''}${values}${d.prospect == null ? '' : `. About ${Math.round(d.prospect[0])} actions to go, there in time with ${Math.round(100 * d.prospect[1])} %`}${d.sure == null ? '' : `. Sure of its place by ${Math.round(100 * d.sure)} %`}${now.pursuit ? `. Last pursuit: ${now.pursuit}` : ''}` : '';
   placeRows();
   for (const id of ['camera', 'observation']) if (now[id]) $(id).src = now[id];
   mapButtons();

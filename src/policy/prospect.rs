@@ -1,0 +1,107 @@
+//! How far it seems to be to a goal, and how probable it is to arrive in time.
+//!
+//! Discounted values tell how many actions a goal is away ([`State::expected_actions`](super::State::expected_actions)). How far that can be
+//! relied on, the robot's own pursuits tell: their actions as a multiple of what was expected at their beginning. A pursuit arrives
+//! in time as often as earlier ones did that had as much room.
+//!
+//! # Reference
+//! Vovk, Gammerman & Shafer 2005, chapter 7 (conformal predictive distributions, here of that multiple).
+
+use std::collections::VecDeque;
+
+use super::PursuitEnd;
+use crate::snapshot::{Persist, Snapshot, SnapshotError};
+
+/// Pursuits that are remembered, the newest ones: policies become better, and then these tell more.
+const REMEMBERED: usize = 100;
+
+/// What is expected of a pursuit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Prospect {
+    /// Actions of it so far.
+    pub done: usize,
+    /// Actions until the goal that are expected from here.
+    pub actions: f64,
+    /// Probability of arriving before it is given up.
+    pub arrival: f64,
+}
+
+/// How earlier pursuits went, beside what was expected of them.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Prospects {
+    /// Actions as a multiple of those expected; infinite: given up.
+    multiples: VecDeque<f64>,
+    /// Task and expected actions of the pursuit under way.
+    begun: Option<(usize, f64)>,
+}
+
+impl Prospects {
+    /// What is expected of the pursuit of a task with so many actions `done`, so many `left`, and so many `expected` from here.
+    pub fn of(&mut self, task: usize, (done, left): (usize, usize), expected: Option<f64>) -> Option<Prospect> {
+        if done == 0 {
+            self.begun = expected.map(|actions| (task, actions));
+        }
+        let actions = expected?;
+        let in_time = self.multiples.iter().filter(|&&multiple| multiple * actions <= left as f64).count();
+        // Laplace's rule: with nothing to go by, it is even.
+        let arrival = (in_time + 1) as f64 / (self.multiples.len() + 2) as f64;
+        Some(Prospect { done, actions, arrival })
+    }
+
+    /// A pursuit is over. One that was there when it began tells nothing.
+    pub fn ended(&mut self, end: &PursuitEnd) {
+        let Some((_, expected)) = self.begun.take().filter(|begun| begun.0 == end.task && end.actions > 0) else {
+            return;
+        };
+        if self.multiples.len() == REMEMBERED {
+            self.multiples.pop_front();
+        }
+        self.multiples.push_back(if end.arrived { end.actions as f64 / expected } else { f64::INFINITY });
+    }
+}
+
+impl Persist for Prospects {
+    fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
+        let mut multiples: Vec<u64> = self.multiples.iter().map(|multiple| multiple.to_bits()).collect();
+        let mut begun = self.begun.map(|(task, actions)| (task, actions.to_bits()));
+        snapshot.value("multiples", &mut multiples)?;
+        snapshot.value("begun", &mut begun)?;
+        self.multiples = multiples.into_iter().map(f64::from_bits).collect();
+        self.begun = begun.map(|(task, actions)| (task, f64::from_bits(actions)));
+        let positive = |&multiple: &f64| multiple > 0.0;
+        snapshot.check("multiples", self.multiples.iter().all(positive), "not positive")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pursuit_arrives_in_time_as_often_as_earlier_ones_with_as_much_room() {
+        let mut prospects = Prospects::default();
+        let pursue = |prospects: &mut Prospects, expected, end: Option<usize>| {
+            let stated = prospects.of(0, (0, 40), Some(expected)).unwrap();
+            let (arrived, actions) = (end.is_some(), end.unwrap_or(40));
+            prospects.ended(&PursuitEnd { task: 0, arrived, actions, sent: false });
+            stated.arrival
+        };
+        assert_eq!(pursue(&mut prospects, 10.0, Some(10)), 0.5);
+        // There is room for four times as much, and one of one took as much as was expected.
+        assert_eq!(pursue(&mut prospects, 10.0, Some(20)), 2.0 / 3.0);
+        // Now for one and a half times as much: one of two.
+        let stated = prospects.of(0, (25, 15), Some(10.0)).unwrap();
+        assert_eq!((stated.done, stated.actions, stated.arrival), (25, 10.0, 0.5));
+        // What was given up is never in time, and what nothing was expected of tells nothing.
+        assert_eq!(pursue(&mut prospects, 10.0, None), 3.0 / 4.0);
+        assert_eq!(prospects.of(0, (0, 40), None), None);
+        prospects.ended(&PursuitEnd { task: 0, arrived: false, actions: 40, sent: false });
+        // Of another task than was begun, neither.
+        prospects.of(0, (0, 40), Some(5.0));
+        prospects.ended(&PursuitEnd { task: 1, arrived: true, actions: 4, sent: false });
+        assert_eq!(prospects.of(0, (0, 40), Some(1.0)).unwrap().arrival, 3.0 / 5.0);
+        // The oldest are forgotten.
+        (0..REMEMBERED).for_each(|_| _ = pursue(&mut prospects, 10.0, Some(10)));
+        assert_eq!(prospects.of(0, (0, 40), Some(10.0)).unwrap().arrival, 101.0 / 102.0);
+    }
+}
