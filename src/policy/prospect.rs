@@ -2,10 +2,11 @@
 //!
 //! Discounted values tell how many actions a goal is away ([`State::expected_actions`](super::State::expected_actions)). How far that can be
 //! relied on, the robot's own pursuits tell: their actions as a multiple of what was expected at their beginning. A pursuit arrives
-//! in time as often as earlier ones did that had as much room.
+//! in time as often as earlier ones did that had as much room. One that was given up tells that its multiple is larger than that.
 //!
 //! # Reference
-//! Vovk, Gammerman & Shafer 2005, chapter 7 (conformal predictive distributions, here of that multiple).
+//! Vovk, Gammerman & Shafer 2005, chapter 7 (conformal predictive distributions, here of that multiple, in the middle of its
+//! range); Kaplan & Meier 1958 (of lifetimes that were not seen to their end).
 
 use std::collections::VecDeque;
 
@@ -29,8 +30,8 @@ pub struct Prospect {
 /// How earlier pursuits went, beside what was expected of them.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Prospects {
-    /// Actions as a multiple of those expected; infinite: given up.
-    multiples: VecDeque<f64>,
+    /// Actions as a multiple of those expected, and whether it arrived; otherwise it was given up.
+    multiples: VecDeque<(f64, bool)>,
     /// Task and expected actions of the pursuit under way.
     begun: Option<(usize, f64)>,
 }
@@ -42,10 +43,20 @@ impl Prospects {
             self.begun = expected.map(|actions| (task, actions));
         }
         let actions = expected?;
-        let in_time = self.multiples.iter().filter(|&&multiple| multiple * actions <= left as f64).count();
-        // Laplace's rule: with nothing to go by, it is even.
-        let arrival = (in_time + 1) as f64 / (self.multiples.len() + 2) as f64;
-        Some(Prospect { done, actions, arrival })
+        Some(Prospect { done, actions, arrival: self.within(left as f64 / actions) })
+    }
+
+    /// Probability of arriving within a multiple of what is expected; with nothing to go by it is even.
+    fn within(&self, most: f64) -> f64 {
+        let mut sorted: Vec<(f64, bool)> = self.multiples.iter().copied().collect();
+        sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut longer = 1.0;
+        let within = sorted.iter().take_while(|(multiple, _)| *multiple <= most).count();
+        for (place, _) in sorted[..within].iter().enumerate().filter(|(_, pursuit)| pursuit.1) {
+            // Of those that went on so long, and this one.
+            longer *= 1.0 - 1.0 / (sorted.len() - place + 1) as f64;
+        }
+        1.0 - longer * (1.0 - 0.5 / (sorted.len() - within + 1) as f64)
     }
 
     /// A pursuit is over. One that was there when it began tells nothing.
@@ -56,19 +67,19 @@ impl Prospects {
         if self.multiples.len() == REMEMBERED {
             self.multiples.pop_front();
         }
-        self.multiples.push_back(if end.arrived { end.actions as f64 / expected } else { f64::INFINITY });
+        self.multiples.push_back((end.actions as f64 / expected, end.arrived));
     }
 }
 
 impl Persist for Prospects {
     fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
-        let mut multiples: Vec<u64> = self.multiples.iter().map(|multiple| multiple.to_bits()).collect();
+        let mut multiples: Vec<(u64, bool)> = self.multiples.iter().map(|of| (of.0.to_bits(), of.1)).collect();
         let mut begun = self.begun.map(|(task, actions)| (task, actions.to_bits()));
         snapshot.value("multiples", &mut multiples)?;
         snapshot.value("begun", &mut begun)?;
-        self.multiples = multiples.into_iter().map(f64::from_bits).collect();
+        self.multiples = multiples.into_iter().map(|(bits, arrived)| (f64::from_bits(bits), arrived)).collect();
         self.begun = begun.map(|(task, actions)| (task, f64::from_bits(actions)));
-        let positive = |&multiple: &f64| multiple > 0.0;
+        let positive = |of: &(f64, bool)| of.0 > 0.0;
         snapshot.check("multiples", self.multiples.iter().all(positive), "not positive")
     }
 }
@@ -86,22 +97,26 @@ mod tests {
             prospects.ended(&PursuitEnd { task: 0, arrived, actions, sent: false });
             stated.arrival
         };
-        assert_eq!(pursue(&mut prospects, 10.0, Some(10)), 0.5);
+        let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-12, "{a} in place of {b}");
+        near(pursue(&mut prospects, 10.0, Some(10)), 0.5);
         // There is room for four times as much, and one of one took as much as was expected.
-        assert_eq!(pursue(&mut prospects, 10.0, Some(20)), 2.0 / 3.0);
+        near(pursue(&mut prospects, 10.0, Some(20)), 1.5 / 2.0);
         // Now for one and a half times as much: one of two.
         let stated = prospects.of(0, (25, 15), Some(10.0)).unwrap();
-        assert_eq!((stated.done, stated.actions, stated.arrival), (25, 10.0, 0.5));
-        // What was given up is never in time, and what nothing was expected of tells nothing.
-        assert_eq!(pursue(&mut prospects, 10.0, None), 3.0 / 4.0);
+        assert_eq!((stated.done, stated.actions), (25, 10.0));
+        near(stated.arrival, 1.5 / 3.0);
+        // One is given up after four times as much: it tells nothing of more, and for less it counts.
+        near(pursue(&mut prospects, 10.0, None), 2.5 / 3.0);
+        near(prospects.of(0, (0, 40), Some(10.0)).unwrap().arrival, 1.0 - 0.5 * (1.0 - 0.5));
+        near(prospects.of(0, (0, 15), Some(10.0)).unwrap().arrival, 1.5 / 4.0);
+        // What nothing was expected of tells nothing, nor does another task than was begun.
         assert_eq!(prospects.of(0, (0, 40), None), None);
         prospects.ended(&PursuitEnd { task: 0, arrived: false, actions: 40, sent: false });
-        // Of another task than was begun, neither.
         prospects.of(0, (0, 40), Some(5.0));
         prospects.ended(&PursuitEnd { task: 1, arrived: true, actions: 4, sent: false });
-        assert_eq!(prospects.of(0, (0, 40), Some(1.0)).unwrap().arrival, 3.0 / 5.0);
+        near(prospects.of(0, (0, 15), Some(10.0)).unwrap().arrival, 1.5 / 4.0);
         // The oldest are forgotten.
         (0..REMEMBERED).for_each(|_| _ = pursue(&mut prospects, 10.0, Some(10)));
-        assert_eq!(prospects.of(0, (0, 40), Some(10.0)).unwrap().arrival, 101.0 / 102.0);
+        near(prospects.of(0, (0, 40), Some(10.0)).unwrap().arrival, 100.5 / 101.0);
     }
 }
