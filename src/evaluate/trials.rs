@@ -359,7 +359,10 @@ impl Evaluator {
             }
             let judge = |trial: &mut Trial, sees: bool| {
                 let (seen, recent, step) = (sees.then_some(&trial.seen), trial.recent, trial.step);
-                choose(&Situation { trial: trial.number, pose: &trial.robot.pose(), seen, recent, step }, &mut trial.memory)
+                choose(
+                    &Situation { trial: trial.number, pose: &trial.robot.pose(), seen, recent, step },
+                    &mut trial.memory,
+                )
             };
             let actions: Vec<Option<Action>> = match frame {
                 Some(frame) => {

@@ -6,7 +6,9 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use super::tail::Tail;
-use crate::log::messages::{Decision, DictionaryGrowth, FrameTaken, Image, Log, PlaceBelief, PolicyUpdate, Prospect, RobotState};
+use crate::log::messages::{
+    Decision, DictionaryGrowth, FrameTaken, Image, Log, PlaceBelief, PolicyUpdate, Prospect, RobotState,
+};
 use crate::log::{LogError, LogReader, Record, log_files, topics};
 use crate::report::gather::Gathered;
 

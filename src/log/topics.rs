@@ -6,8 +6,8 @@ use std::{fmt, marker::PhantomData};
 
 use super::messages::{
     Decision, DictionaryGrowth, Evaluation, FrameTaken, GoalMoved, Health, Image, LaserScan, Log, ModelRequest,
-    ModelUpdate, Odometry, PlaceBelief, PolicyUpdate, PoseStamped, Prospect, PursuitEnded, RewardGiven, RobotInput, RobotState,
-    RunEnd, Text, Transition, TwistStamped,
+    ModelUpdate, Odometry, PlaceBelief, PolicyUpdate, PoseStamped, Prospect, PursuitEnded, RewardGiven, RobotInput,
+    RobotState, RunEnd, Text, Transition, TwistStamped,
 };
 use super::{Message, cdr};
 

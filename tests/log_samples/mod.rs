@@ -10,8 +10,8 @@ use adagio::log::{
     messages::{
         Decision, DictionaryGrowth, Evaluation, FrameTaken, GoalMoved, Header, Health, Image, LaserScan, Log,
         ModelRequest, ModelUpdate, Odometry, PlaceBelief, PolicyUpdate, Pose, PoseStamped, PoseWithCovariance,
-        Prospect, PursuitEnded, RewardGiven, RobotInput, RobotState, RunEnd, Text, Time, Transition, Twist, TwistStamped,
-        TwistWithCovariance, Vector3,
+        Prospect, PursuitEnded, RewardGiven, RobotInput, RobotState, RunEnd, Text, Time, Transition, Twist,
+        TwistStamped, TwistWithCovariance, Vector3,
     },
     topics,
 };
