@@ -28,6 +28,13 @@ fn in_the_lab_all_goals_are_reached_after_five_thousand_actions() {
         let (success, quality) = (task["success"].as_f64().unwrap(), task["convergence_quality"].as_f64().unwrap());
         assert!(success >= 0.98, "{}: {success}", task["name"]);
         assert!(quality >= 0.8, "{}: {quality}", task["name"]);
+        // What it takes is about what was expected.
+        let (expected, taken) = (task["expected_steps"].as_f64().unwrap(), task["mean_steps"].as_f64().unwrap());
+        assert!(
+            taken / expected > 0.6 && taken / expected < 1.2,
+            "{}: {taken} where {expected} were expected",
+            task["name"]
+        );
     }
 }
 

@@ -46,8 +46,8 @@ fn a_run_leaves_its_folder_and_a_report_with_all_keys() {
     assert_eq!(report["digest"].as_str().unwrap().len(), 64);
     let tasks = report["tasks"].as_array().unwrap();
     assert_eq!(tasks.len(), 2);
-    let names = "name starts success success_wilson_low mean_steps optimal_mean_steps extra_steps convergence_quality \
-                 reference_success dithers_per_1000 without_reflexes";
+    let names = "name starts success success_wilson_low mean_steps expected_steps optimal_mean_steps extra_steps \
+                 convergence_quality reference_success dithers_per_1000 without_reflexes";
     for task in tasks {
         for name in names.split_whitespace() {
             assert!(task.as_object().unwrap().contains_key(name), "tasks.{name}");
