@@ -14,7 +14,8 @@ pub fn section(material: &Material<'_>) -> Result<Section, DrawError> {
     let mut pursued: Vec<&Pursued> = material.gathered.pursued.iter().collect();
     let mut items = Vec::new();
     if pursued.len() < GROUP {
-        items.push(Item::Missing(format!(
+        // A short run lacks nothing.
+        items.push(Item::Text(format!(
             "What it expected cannot be held against what came of it: the log holds {} pursuits of which something was expected \
              (/adagio/prospect, with local values), and {GROUP} are needed.",
             pursued.len()
