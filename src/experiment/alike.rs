@@ -22,8 +22,8 @@ impl Field<'_> {
     /// As [`replanned`](Field::replanned), but for one thing: in rooms of one size a robot does not know which of them it is in, until
     /// what it would see in the others differs from what it sees. It takes what is best on average over all rooms that are left.
     ///
-    /// A bound for what learns a map by itself and averages values by its belief: this one knows the floor plan, all images without
-    /// noise, and each move exactly. In worlds without rooms of one size it is `replanned`.
+    /// A measure for what learns a map by itself and averages values by its belief: this one knows the floor plan, all images without
+    /// noise, and each move exactly. Doorways are rooms, too. In worlds without rooms of one size it is `replanned`.
     pub fn told_apart(&self) -> Result<Vec<Quality>, ExperimentError> {
         let (lab, starts) = (self.lab, self.trials.reference.first().map_or(0, Vec::len));
         let (scenario, arena) = (&lab.scenario, &lab.world.arena);

@@ -92,8 +92,8 @@ impl State<'_> {
         }
     }
 
-    /// How many actions the goal of a task is away, the one that arrives included, by how much less the best action is worth than one
-    /// that arrives, for a discount `gamma`. A penalty on the way counts as a longer one. `None` where values are not local, or no
+    /// How many actions the goal of a task is away, the one that arrives included: `1 + log_γ(V / V₁)` for the worth `V` of the best action,
+    /// the worth `V₁` of one that arrives, and a discount `gamma`. A penalty on the way counts as a longer one. `None` where values are not local, or no
     /// action is worth more than nothing.
     ///
     /// # Panics

@@ -64,7 +64,7 @@ impl Prospects {
         let Some((_, expected)) = self.begun.take().filter(|begun| begun.0 == end.task && end.actions > 0) else {
             return;
         };
-        if self.multiples.len() == REMEMBERED {
+        if self.multiples.len() >= REMEMBERED {
             self.multiples.pop_front();
         }
         self.multiples.push_back((end.actions as f64 / expected, end.arrived));
@@ -79,8 +79,12 @@ impl Persist for Prospects {
         snapshot.value("begun", &mut begun)?;
         self.multiples = multiples.into_iter().map(|(bits, arrived)| (f64::from_bits(bits), arrived)).collect();
         self.begun = begun.map(|(task, actions)| (task, f64::from_bits(actions)));
-        let positive = |of: &(f64, bool)| of.0 > 0.0;
-        snapshot.check("multiples", self.multiples.iter().all(positive), "not positive")
+        let mut numbers = self.multiples.iter().map(|of| of.0).chain(self.begun.map(|begun| begun.1));
+        snapshot.check(
+            "multiples",
+            numbers.all(|number| number > 0.0 && number.is_finite()),
+            "not positive or not finite",
+        )
     }
 }
 

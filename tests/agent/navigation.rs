@@ -28,7 +28,7 @@ fn in_the_lab_all_goals_are_reached_after_five_thousand_actions() {
         let (success, quality) = (task["success"].as_f64().unwrap(), task["convergence_quality"].as_f64().unwrap());
         assert!(success >= 0.98, "{}: {success}", task["name"]);
         assert!(quality >= 0.8, "{}: {quality}", task["name"]);
-        // What it takes is about what was expected.
+        // What it takes is about what was expected; that counts penalties near walls as a longer way, so it may be more.
         let (expected, taken) = (task["expected_steps"].as_f64().unwrap(), task["mean_steps"].as_f64().unwrap());
         assert!(
             taken / expected > 0.6 && taken / expected < 1.2,

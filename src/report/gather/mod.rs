@@ -306,7 +306,7 @@ impl Gathered {
             }
         } else if is(topics::PURSUIT.name()) {
             let end: PursuitEnded = record.decode()?;
-            if let Some(begun) = self.begun.take().filter(|begun| begun.task == end.task) {
+            if let Some(begun) = self.begun.take().filter(|begun| begun.task == end.task && end.actions > 0) {
                 self.pursued.push(Pursued {
                     expected: begun.actions,
                     arrival: begun.arrival,
