@@ -34,6 +34,7 @@
 //! Ormoneit & Sen 2002 (kernel-based reinforcement learning: the same with averages in place of regressions); Ernst, Geurts &
 //! Wehenkel 2005 (fitted Q iteration); Atkeson, Moore & Schaal 1997 (locally weighted regression).
 
+use std::array::from_fn;
 use std::ops::Range;
 
 use faer::linalg::matmul::matmul;
@@ -64,6 +65,8 @@ const GRID_ASKED: usize = 32;
 const GRID_SHARE: f64 = 1.0 / 8.0;
 /// Squares out of which nothing is told apart.
 const GRID_FAR: f64 = 1e12;
+/// Coordinates, of those that vary most, that tell of most points that they are too far away.
+const WIDE: usize = 4;
 /// Coordinates whose differences are squared side by side.
 const LANES: usize = 8;
 /// Share of what follows a transition that its penalty takes at most, where penalties are bounded.
@@ -160,20 +163,22 @@ impl Move {
 /// the coordinates, next to all points lie too far away to be looked at.
 #[derive(Debug, Clone, PartialEq)]
 struct Grid {
-    axes: [usize; 2],
+    /// The coordinates that vary most, of the squares first.
+    axes: Vec<usize>,
     corner: [f64; 2],
     side: f64,
     /// Squares along each axis.
     squares: [i64; 2],
     /// Where the points of each square begin in `points`; one more than squares.
     begins: Vec<u32>,
-    points: Vec<u32>,
+    points: Vec<(u32, [f32; WIDE])>,
 }
 
 impl Grid {
     /// `None` where the points lie on a line or in one place.
-    fn new(points: MatRef<'_, f32>, axes: [usize; 2], of: Range<usize>) -> Option<Self> {
-        let at = |j: usize| axes.map(|axis| f64::from(points[(axis, j)]));
+    fn new(points: MatRef<'_, f32>, axes: &[usize], of: Range<usize>) -> Option<Self> {
+        let at = |j: usize| [0, 1].map(|axis| f64::from(points[(axes[axis], j)]));
+        let axes = axes.to_vec();
         let (mut corner, mut end) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         for point in of.clone().map(at) {
             for axis in 0..2 {
@@ -203,8 +208,14 @@ impl Grid {
         let mut sorted: Vec<(usize, u32)> = of.map(|j| (square(j), j as u32)).collect();
         sorted.sort_unstable();
         grid.begins = (0..=count as usize).map(|k| sorted.partition_point(|of| of.0 < k) as u32).collect();
-        grid.points = sorted.into_iter().map(|of| of.1).collect();
+        let wide = |j: u32| grid.wide(points.col(j as usize));
+        grid.points = sorted.into_iter().map(|of| (of.1, wide(of.1))).collect();
         Some(grid)
+    }
+
+    /// The coordinates of a point that vary most; 0 where there are fewer.
+    fn wide(&self, point: ColRef<'_, f32>) -> [f32; WIDE] {
+        from_fn(|i| self.axes.get(i).map_or(0.0, |&axis| point[axis]))
     }
 
     fn square(&self, at: [f64; 2]) -> [i64; 2] {
@@ -215,9 +226,11 @@ impl Grid {
     /// The `kept` nearest points, the nearest first, and how many were looked at. Squares around the point are searched ring by ring, until
     /// none farther out can hold a nearer one.
     fn nearest(&self, points: MatRef<'_, f32>, at: ColRef<'_, f32>, kept: usize) -> (Vec<u32>, usize) {
-        let place = self.axes.map(|axis| f64::from(at[axis]));
-        let middle = self.square(place);
+        let wide = self.wide(at);
+        let middle = self.square([0, 1].map(|axis| f64::from(wide[axis])));
         let at: Vec<f32> = at.iter().copied().collect();
+        // A sum of squares in single precision may be less than another of some of them by this share.
+        let slack = 1.0 + (at.len() + WIDE) as f32 * f32::EPSILON;
         let (mut nearest, mut looked_at) = (Vec::<(f32, u32)>::with_capacity(kept + 1), 0);
         // How far out the grid begins, and where it ends.
         let outside = |axis: usize| (-middle[axis]).max(middle[axis] - (self.squares[axis] - 1)).max(0);
@@ -234,7 +247,12 @@ impl Grid {
                     let square = (x * self.squares[1] + y) as usize;
                     let of = &self.points[self.begins[square] as usize..self.begins[square + 1] as usize];
                     looked_at += of.len();
-                    of.iter().for_each(|&point| nearer(&mut nearest, kept, (apart(points, point, &at), point)));
+                    for (point, coordinates) in of {
+                        let part = coordinates.iter().zip(wide).map(|(a, b)| (a - b) * (a - b)).sum::<f32>();
+                        if nearest.len() < kept || part <= slack * nearest[kept - 1].0 {
+                            nearer(&mut nearest, kept, (apart(points, *point, &at), *point));
+                        }
+                    }
                 };
                 if ends_x.contains(&x) {
                     within(1, ends_y).for_each(&mut look);
@@ -270,8 +288,8 @@ fn apart(points: MatRef<'_, f32>, point: u32, at: &[f32]) -> f32 {
     sums.iter().sum::<f32>() + rest.iter().zip(rest_at).map(|(a, b)| (a - b) * (a - b)).sum::<f32>()
 }
 
-/// The two coordinates that vary most, where there are two.
-fn widest(points: MatRef<'_, f32>) -> Option<[usize; 2]> {
+/// The coordinates that vary most, of two or more.
+fn widest(points: MatRef<'_, f32>) -> Option<Vec<usize>> {
     let n = points.ncols() as f64;
     let variance = |i: usize| {
         let row = || points.row(i).iter().map(|&x| f64::from(x));
@@ -280,7 +298,7 @@ fn widest(points: MatRef<'_, f32>) -> Option<[usize; 2]> {
     };
     let mut axes: Vec<(f64, usize)> = (0..points.nrows()).map(|i| (variance(i), i)).collect();
     axes.sort_by(|a, b| b.0.total_cmp(&a.0));
-    Some([axes.first()?.1, axes.get(1)?.1])
+    (axes.len() > 1).then(|| axes.into_iter().take(WIDE).map(|of| of.1).collect())
 }
 
 /// The transitions that a value is estimated from: their numbers, and how much each counts. The weights sum to 1.
@@ -432,7 +450,7 @@ impl Instances {
         let points = self.points.as_ref();
         let axes = widest(points)?;
         let grids: Option<Vec<Grid>> =
-            (0..self.counts.len()).map(|a| Grid::new(points, axes, self.of_action(a))).collect();
+            (0..self.counts.len()).map(|a| Grid::new(points, &axes, self.of_action(a))).collect();
         let grids = grids?;
         let asked = GRID_ASKED.min(points.ncols());
         let looked_at = |k: usize| {

@@ -1,11 +1,11 @@
 //! Where the robot may be.
 
-use std::collections::BTreeMap;
 use std::f64::consts::{PI, TAU};
 
 use rand::{Rng, RngExt};
 
-use super::{MotionNoise, Pose, turned};
+use super::states::Hashed;
+use super::{MotionNoise, Pose, around, nearest, turned};
 use crate::value::error::parameter;
 use crate::value::{MapStep, ValueError};
 
@@ -16,7 +16,7 @@ const ROOM: usize = 100;
 /// Poses belong together that are in the same square of so many moves and the same of so many sectors, and all that are no further from
 /// the mean of these than so many moves and radians.
 const SQUARE: f64 = 2.0;
-const SECTORS: f64 = 8.0;
+const SECTORS: i64 = 8;
 const NEAR: (f64, f64) = (2.5, 0.5);
 /// Share of the newest image in how much was expected.
 const NEWEST: f64 = 0.05;
@@ -131,14 +131,14 @@ pub(super) fn draw(weights: impl ExactSizeIterator<Item = f64> + Clone, count: u
 }
 
 fn is_near(a: Pose, b: Pose) -> bool {
-    (a.x - b.x).hypot(a.y - b.y) < NEAR.0 && turned(a.heading, b.heading) < NEAR.1
+    (a.x - b.x).powi(2) + (a.y - b.y).powi(2) < NEAR.0 * NEAR.0 && turned(a.heading, b.heading) < NEAR.1
 }
 
 /// Mean of poses whose headings are next to one, and their probability.
 fn mean<'a>(of: impl Iterator<Item = &'a (Pose, f64)>, heading: f64) -> (Pose, f64) {
     let mut sums = [0.0; 4];
     for &(pose, weight) in of {
-        let turned = (pose.heading - heading + PI).rem_euclid(TAU) - PI;
+        let turned = around(pose.heading - heading + PI) - PI;
         sums.iter_mut().zip([1.0, pose.x, pose.y, turned]).for_each(|(sum, part)| *sum += weight * part);
     }
     let [weight, x, y, turned] = sums;
@@ -148,17 +148,14 @@ fn mean<'a>(of: impl Iterator<Item = &'a (Pose, f64)>, heading: f64) -> (Pose, f
 /// The mean of the poses of the most probable place, and how probable it is.
 pub(super) fn mode(particles: &[(Pose, f64)]) -> (Pose, f64) {
     let square = |pose: Pose| {
-        let sector = (pose.heading / TAU * SECTORS).round().rem_euclid(SECTORS);
-        [pose.x / SQUARE, pose.y / SQUARE, sector].map(|at| at.round() as i64)
+        let sector = nearest(pose.heading / TAU * SECTORS as f64).rem_euclid(SECTORS);
+        [nearest(pose.x / SQUARE), nearest(pose.y / SQUARE), sector]
     };
-    let mut squares: BTreeMap<[i64; 3], f64> = BTreeMap::new();
+    let mut squares: Hashed<[i64; 3], f64> = Hashed::default();
     particles.iter().for_each(|of| *squares.entry(square(of.0)).or_default() += of.1);
-    let most = squares.iter().fold(None, |most: Option<(&[i64; 3], &f64)>, of| match most {
-        Some(most) if most.1 >= of.1 => Some(most),
-        _ => Some(of),
-    });
-    let Some((&most, _)) = most else { return (Pose::default(), 0.0) };
-    let sector = most[2] as f64 / SECTORS * TAU;
+    let more = |a: &([i64; 3], f64), b: &([i64; 3], f64)| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0));
+    let Some((most, _)) = squares.into_iter().max_by(more) else { return (Pose::default(), 0.0) };
+    let sector = most[2] as f64 / SECTORS as f64 * TAU;
     let middle = mean(particles.iter().filter(|of| square(of.0) == most), sector).0;
     let near = mean(particles.iter().filter(|of| is_near(of.0, middle)), middle.heading);
     if near.1 > 0.0 { near } else { (middle, 0.0) }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use faer::Mat;
 
-use super::Pose;
+use super::{Pose, nearest};
 use crate::value::ValueError;
 use crate::value::error::parameter;
 
@@ -17,7 +17,7 @@ const SURE: f64 = -3.0;
 
 /// The square of the floor that a pose lies in.
 pub(super) fn square(pose: Pose) -> [i32; 2] {
-    [pose.x, pose.y].map(|at| (at / SIDE).round() as i32)
+    [pose.x, pose.y].map(|at| nearest(at / SIDE).clamp(i32::MIN.into(), i32::MAX.into()) as i32)
 }
 
 /// How often the robot was in the goal, by the squares of the floor.

@@ -1,13 +1,12 @@
 //! A lattice of the poses that a robot has been near, and functions of the pose on it.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 use std::f64::consts::TAU;
-use std::hash::BuildHasherDefault;
 
 use faer::MatRef;
 
-use super::Pose;
-use super::states::{HEADINGS, Mix};
+use super::{Pose, around};
+use super::states::{BySquare, HEADINGS};
 
 /// Side of a square, moves.
 const SIDE: f64 = 0.5;
@@ -18,39 +17,39 @@ const USUAL: f64 = 0.1;
 /// Poses on a square grid of the floor, at points that the robot has been near, each with the same number of headings.
 #[derive(Debug, Clone)]
 pub(super) struct Lattice {
-    points: Vec<(i32, i32)>,
-    numbers: HashMap<(i32, i32), u32, BuildHasherDefault<Mix>>,
+    points: Vec<[i32; 2]>,
+    numbers: BySquare<u32>,
 }
 
 impl Lattice {
     /// Where states lie: a point that few are near, beside others, may be where one was misplaced, and is left out.
     pub fn new(states: impl Iterator<Item = Pose>) -> Self {
-        let mut near: BTreeMap<(i32, i32), u32> = BTreeMap::new();
+        let mut near: BTreeMap<[i32; 2], u32> = BTreeMap::new();
         for state in states {
             points_near(state, KNOWN).for_each(|(point, _)| *near.entry(point).or_default() += 1);
         }
         let mut counts: Vec<u32> = near.values().copied().collect();
         counts.sort_unstable();
         let least = counts.get(counts.len() / 2).map_or(0.0, |&usual| USUAL * f64::from(usual));
-        let points: Vec<(i32, i32)> = near.into_iter().filter(|of| f64::from(of.1) >= least).map(|of| of.0).collect();
+        let points: Vec<[i32; 2]> = near.into_iter().filter(|of| f64::from(of.1) >= least).map(|of| of.0).collect();
         let numbers = points.iter().copied().zip(0..).collect();
         Lattice { points, numbers }
     }
 
     /// Number of its poses.
     pub fn len(&self) -> usize {
-        self.points.len() * HEADINGS as usize
+        self.points.len() * HEADINGS
     }
 
     pub(super) fn pose(&self, number: usize) -> Pose {
-        let (x, y) = self.points[number / HEADINGS as usize];
-        let heading = (number % HEADINGS as usize) as f64 / f64::from(HEADINGS) * TAU;
+        let [x, y] = self.points[number / HEADINGS];
+        let heading = (number % HEADINGS) as f64 / HEADINGS as f64 * TAU;
         Pose { x: f64::from(x) * SIDE, y: f64::from(y) * SIDE, heading }
     }
 
     /// Number of the point of the floor that a pose of the lattice stands on, and of all of them.
     pub(super) fn point(number: usize) -> usize {
-        number / HEADINGS as usize
+        number / HEADINGS
     }
 
     pub(super) fn points(&self) -> usize {
@@ -65,15 +64,16 @@ impl Lattice {
     /// The poses around one and how much each counts in an interpolation; what is not known is missing, and less than 1 is counted.
     pub(super) fn around(&self, pose: Pose) -> impl Iterator<Item = (usize, f64)> {
         let [(x, along_x), (y, along_y)] = [pose.x, pose.y].map(|at| split(at / SIDE));
-        let (heading, on) = split(pose.heading.rem_euclid(TAU) / TAU * f64::from(HEADINGS));
+        let (heading, on) = split(around(pose.heading) / TAU * HEADINGS as f64);
+        let heading = heading as usize;
         let corners = [(0, 0), (0, 1), (1, 0), (1, 1)].into_iter().filter_map(move |(dx, dy)| {
             let share = |along: f64, d: i32| if d == 0 { 1.0 - along } else { along };
             let weight = share(along_x, dx) * share(along_y, dy);
-            let point = (x.saturating_add(dx), y.saturating_add(dy));
+            let point = [x.saturating_add(dx), y.saturating_add(dy)];
             (weight > 0.0).then(|| Some((*self.numbers.get(&point)?, weight))).flatten()
         });
         corners.flat_map(move |(point, weight)| {
-            let of = |turn: i32| point as usize * HEADINGS as usize + (heading + turn).rem_euclid(HEADINGS) as usize;
+            let of = |turn: usize| point as usize * HEADINGS + (heading + turn) % HEADINGS;
             [(of(0), weight * (1.0 - on)), (of(1), weight * on)].into_iter().filter(|of| of.1 > 0.0)
         })
     }
@@ -104,10 +104,10 @@ fn split(at: f64) -> (i32, f64) {
     (at.floor() as i32, at - at.floor())
 }
 
-fn points_near(pose: Pose, within: f64) -> impl Iterator<Item = ((i32, i32), f64)> {
+fn points_near(pose: Pose, within: f64) -> impl Iterator<Item = ([i32; 2], f64)> {
     let range = move |at: f64| ((at - within) / SIDE).ceil() as i32..=((at + within) / SIDE).floor() as i32;
-    range(pose.x).flat_map(move |x| range(pose.y).map(move |y| (x, y))).filter_map(move |(x, y)| {
+    range(pose.x).flat_map(move |x| range(pose.y).map(move |y| [x, y])).filter_map(move |[x, y]| {
         let squared = (f64::from(x) * SIDE - pose.x).powi(2) + (f64::from(y) * SIDE - pose.y).powi(2);
-        (squared <= within * within).then_some(((x, y), squared))
+        (squared <= within * within).then_some(([x, y], squared))
     })
 }

@@ -1,7 +1,6 @@
 //! Where the states of the past lie.
 
 use std::collections::VecDeque;
-use std::mem::take;
 use std::ops::Range;
 
 use faer::Mat;
@@ -13,6 +12,7 @@ use super::looks::GROWS;
 use super::map::check;
 use super::metric::{MotionNoise, PlaceMetric};
 use super::states::{BESIDE, Cells, PlaceMap, width};
+use crate::kernel::products::map_all;
 use crate::random::stream;
 use crate::value::MapStep;
 use crate::value::ValueError;
@@ -108,8 +108,11 @@ fn place(map: &mut PlaceMap, steps: &[Option<MapStep>], (before, anew): (&[Optio
     let goes_on = before.iter().flatten().count() > KNOWN;
     let anew = anew || !goes_on;
     let (tries, sweeps) = if anew { (TRIES[usize::from(goes_on)], SWEEPS) } else { (0, GOING_ON) };
-    let mut best: Option<(f64, Vec<Option<Pose>>, Cells)> = None;
-    for number in u64::from(!goes_on)..=tries {
+    let first = u64::from(!goes_on);
+    let from = &*map;
+    let attempt = |number: usize| {
+        let number = first + number as u64;
+        let mut map = from.clone();
         map.poses = if number == 0 { before.to_vec() } else { vec![None; before.len()] };
         map.cells = Cells::of(&map.poses);
         let mut expected = 0.0;
@@ -117,16 +120,17 @@ fn place(map: &mut PlaceMap, steps: &[Option<MapStep>], (before, anew): (&[Optio
             let mut rng = stream(before.len() as u64, &format!("places {number} {sweep}"));
             expected = 0.0;
             for way in ways.iter().filter(|way| way.len() >= SHORT) {
-                expected += Track::new(map, (way.clone(), !anew), steps).run(&mut rng);
+                expected += Track::new(&mut map, (way.clone(), !anew), steps).run(&mut rng);
             }
         }
         if number == 0 {
             expected += BETTER * before.len() as f64;
         }
-        if best.as_ref().is_none_or(|best| expected > best.0) {
-            best = Some((expected, take(&mut map.poses), take(&mut map.cells)));
-        }
-    }
+        (expected, map.poses, map.cells)
+    };
+    let attempts = map_all((tries + 1 - first) as usize, attempt);
+    // Of equal ones the first.
+    let best = attempts.into_iter().reduce(|best, of| if of.0 > best.0 { of } else { best });
     if let Some(best) = best {
         (_, map.poses, map.cells) = best;
     }

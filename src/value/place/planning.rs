@@ -7,15 +7,13 @@
 //! # Reference
 //! Davies 1997 (value iteration with interpolation on a grid); Gordon 1995 (it converges, since interpolation averages).
 
-use std::collections::HashMap;
 use std::f64::consts::{PI, TAU};
-use std::hash::BuildHasherDefault;
 
 use faer::Mat;
 
 use super::lattice::Lattice;
 use super::metric::MotionNoise;
-use super::states::Mix;
+use super::states::BySquare;
 use super::{Pose, turned};
 use crate::kernel::products::map_all;
 use crate::value::error::{discount, finite_list, parameter};
@@ -201,13 +199,13 @@ impl<'a> Planner<'a> {
 /// The transitions of one action, by the squares of a move that they began in.
 struct Tried {
     steps: Vec<PlaceStep>,
-    squares: HashMap<(i32, i32), Vec<u32>, BuildHasherDefault<Mix>>,
+    squares: BySquare<Vec<u32>>,
 }
 
 impl Tried {
     fn new(action: usize, steps: &[PlaceStep]) -> Self {
         let steps: Vec<PlaceStep> = steps.iter().filter(|step| step.action == action).copied().collect();
-        let mut squares: HashMap<(i32, i32), Vec<u32>, BuildHasherDefault<Mix>> = HashMap::default();
+        let mut squares: BySquare<Vec<u32>> = BySquare::default();
         for (step, number) in steps.iter().zip(0..) {
             squares.entry(square(step.from)).or_default().push(number);
         }
@@ -219,8 +217,8 @@ impl Tried {
         if motion.distance == Some(0.0) && motion.turn != 0.0 && !self.steps.is_empty() {
             return vec![(Pose { heading: from.heading + motion.turn, ..from }, 1.0)];
         }
-        let (x, y) = square(from);
-        let squares = (-1..=1).flat_map(|dx| (-1..=1).map(move |dy| (x.saturating_add(dx), y.saturating_add(dy))));
+        let [x, y] = square(from);
+        let squares = (-1..=1).flat_map(|dx| (-1..=1).map(move |dy| [x.saturating_add(dx), y.saturating_add(dy)]));
         let began = squares.filter_map(|square| self.squares.get(&square)).flatten();
         let near = began.filter_map(|&number| {
             let step = &self.steps[number as usize];
@@ -262,6 +260,6 @@ fn led(from: Pose, like: &PlaceStep, motion: MapStep, (noise, unit): (MotionNois
     }
 }
 
-fn square(pose: Pose) -> (i32, i32) {
-    ((pose.x / REACH).round() as i32, (pose.y / REACH).round() as i32)
+fn square(pose: Pose) -> [i32; 2] {
+    [pose.x, pose.y].map(|at| (at / REACH).round() as i32)
 }

@@ -8,7 +8,7 @@ use std::ops::Range;
 use faer::{Mat, MatRef};
 
 use super::goals::{GoalPlaces, square};
-use super::{PlaceMetric, Pose};
+use super::{PlaceMetric, Pose, nearest};
 
 /// Width of likeness: so many times as far as states are from the third of those that are most like them and were not met beside them.
 const WIDTH: f64 = 1.3;
@@ -23,7 +23,7 @@ const LIKE: usize = 8;
 /// States that tell how often such an image is seen by chance.
 const ASKED: usize = 256;
 /// Cells: a square of the floor, and one of so many headings.
-pub(super) const HEADINGS: i32 = 24;
+pub(super) const HEADINGS: usize = 24;
 /// States of a cell that are asked.
 const MOST: usize = 8;
 
@@ -102,21 +102,20 @@ impl PlaceMap {
     }
 }
 
-/// Square of the floor and heading.
-pub(super) type Cell = (i32, i32, i32);
-pub(super) type ByCell<T> = HashMap<Cell, T, BuildHasherDefault<Mix>>;
-
-/// Cells are looked up thousands of times for each image, and nobody chooses them to collide: three multiplications are enough.
+/// A square of the floor, and which of the headings.
+pub(super) type Cell = ([i32; 2], usize);
+pub(super) type BySquare<T> = Hashed<[i32; 2], T>;
+pub(super) type Hashed<K, T> = HashMap<K, T, BuildHasherDefault<Mix>>;
 #[derive(Debug, Clone, Default)]
 pub(super) struct Mix(u64);
 
 impl Hasher for Mix {
     fn write(&mut self, bytes: &[u8]) {
-        bytes.iter().for_each(|&byte| self.write_i32(i32::from(byte)));
-    }
-
-    fn write_i32(&mut self, number: i32) {
-        self.0 = (self.0.rotate_left(23) ^ u64::from(number.cast_unsigned())).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        for bytes in bytes.chunks(8) {
+            let mut number = [0; 8];
+            number[..bytes.len()].copy_from_slice(bytes);
+            self.0 = (self.0.rotate_left(23) ^ u64::from_le_bytes(number)).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        }
     }
 
     fn finish(&self) -> u64 {
@@ -125,40 +124,53 @@ impl Hasher for Mix {
 }
 
 pub(super) fn cell(pose: Pose) -> Cell {
-    let [x, y] = square(pose);
-    let heading = (pose.heading / TAU * f64::from(HEADINGS)).round() as i64;
-    (x, y, heading.rem_euclid(i64::from(HEADINGS)) as i32)
+    let heading = nearest(pose.heading / TAU * HEADINGS as f64);
+    (square(pose), heading.rem_euclid(HEADINGS as i64) as usize)
+}
+
+/// A heading and those beside it.
+pub(super) fn beside(heading: usize) -> [usize; 3] {
+    [(heading + HEADINGS - 1) % HEADINGS, heading, (heading + 1) % HEADINGS]
 }
 
 /// States by the cells that they lie in.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Cells(pub ByCell<Vec<u32>>);
+pub(super) struct Cells(BySquare<[Vec<u32>; HEADINGS]>);
 
 impl Cells {
     /// All that have poses, evenly thinned where they are many.
     pub fn of(poses: &[Option<Pose>]) -> Self {
         let mut cells = Cells::default();
         for (state, pose) in poses.iter().enumerate().filter_map(|(state, pose)| Some((state, (*pose)?))) {
-            cells.0.entry(cell(pose)).or_default().push(state as u32);
+            cells.at(cell(pose)).push(state as u32);
         }
-        for states in cells.0.values_mut().filter(|states| states.len() > MOST) {
+        for states in cells.0.values_mut().flatten().filter(|states| states.len() > MOST) {
             *states = (0..MOST).map(|k| states[k * states.len() / MOST]).collect();
         }
         cells
     }
 
+    /// The states over a square of the floor, by heading; `None`: there are none.
+    pub fn over(&self, square: [i32; 2]) -> Option<&[Vec<u32>; HEADINGS]> {
+        self.0.get(&square)
+    }
+
     /// A state has another pose now; of a full cell, the state that came first is left out.
     pub fn place(&mut self, state: u32, from: Option<Pose>, to: Option<Pose>) {
-        if let Some(states) = from.and_then(|from| self.0.get_mut(&cell(from))) {
-            states.retain(|&of| of != state);
+        if let Some(from) = from {
+            self.at(cell(from)).retain(|&of| of != state);
         }
         if let Some(to) = to {
-            let states = self.0.entry(cell(to)).or_default();
+            let states = self.at(cell(to));
             if states.len() == MOST {
                 states.remove(0);
             }
             states.push(state);
         }
+    }
+
+    fn at(&mut self, (square, heading): Cell) -> &mut Vec<u32> {
+        &mut self.0.entry(square).or_default()[heading]
     }
 }
 

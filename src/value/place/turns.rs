@@ -1,6 +1,6 @@
 //! What would be seen behind a turn that was never made.
 
-use super::states::{HEADINGS, PlaceMap, cell};
+use super::states::{PlaceMap, beside, cell};
 use super::{Pose, turned};
 
 /// What is seen at a pose is what was seen this near to it: moves and radians; a radian is as far as so many moves.
@@ -13,12 +13,10 @@ impl PlaceMap {
     pub fn behind_turn(&self, state: usize, angle: f64) -> Option<(Pose, usize)> {
         let from = self.poses.get(state).copied().flatten()?;
         let to = Pose { heading: from.heading + angle, ..from };
-        let (x, y, heading) = cell(to);
-        let headings = (-1..=1).map(|turn| (heading + turn).rem_euclid(HEADINGS));
-        let cells = headings.flat_map(|heading| {
-            (-1..=1).flat_map(move |dx| (-1..=1).map(move |dy| (x.saturating_add(dx), y.saturating_add(dy), heading)))
-        });
-        let states = cells.filter_map(|cell| self.cells.0.get(&cell)).flatten();
+        let ([x, y], heading) = cell(to);
+        let squares = (-1..=1).flat_map(|dx| (-1..=1).map(move |dy| [x.saturating_add(dx), y.saturating_add(dy)]));
+        let over = |heading: usize| squares.clone().filter_map(move |square| Some(&self.cells.over(square)?[heading]));
+        let states = beside(heading).into_iter().flat_map(over).flatten();
         let apart = |&state: &u32| {
             let pose = self.poses[state as usize]?;
             let (moves, turn) = ((pose.x - to.x).hypot(pose.y - to.y), turned(pose.heading, to.heading));
