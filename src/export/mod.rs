@@ -20,10 +20,10 @@ use serde::Serialize;
 use thiserror::Error;
 
 use self::tables::{
-    Accepted, Decisions, Evaluations, Features, Frames, Growth, LocalValues, Meanings, Models, Places, Policies, Slow,
-    SupportVectors, Transitions,
+    Accepted, Decisions, Evaluations, Features, Frames, Growth, LocalValues, Meanings, Models, Places, Policies,
+    Prospects, Slow, SupportVectors, Transitions,
 };
-use crate::log::messages::{Decision, DictionaryGrowth, Evaluation, ModelUpdate, PlaceBelief, Transition};
+use crate::log::messages::{Decision, DictionaryGrowth, Evaluation, ModelUpdate, PlaceBelief, Prospect, Transition};
 use crate::log::{LogError, Record, topics};
 use crate::policy::{Learned, MOST_PLACES};
 use crate::replay::Recording;
@@ -307,6 +307,7 @@ impl Export<'_> {
         let written = failed(self.out);
         let mut transitions = Transitions::create(&self.table("transitions")?, tasks).map_err(&written)?;
         let mut decisions = Decisions::create(&self.table("decisions")?, actions).map_err(&written)?;
+        let mut prospects = Prospects::create(&self.table("prospects")?).map_err(&written)?;
         let mut places = match scenario.value.places {
             true => Some(Places::create(&self.table("places")?, MOST_PLACES).map_err(&written)?),
             false => None,
@@ -324,6 +325,8 @@ impl Export<'_> {
                 record.decode::<Transition>().map(|message| transitions.add(&message, tasks))
             } else if is(topics::DECISION.name()) {
                 record.decode::<Decision>().map(|message| decisions.add(&message, scenario))
+            } else if is(topics::PROSPECT.name()) {
+                record.decode::<Prospect>().map(|message| prospects.add(&message, scenario))
             } else if let Some(places) = places.as_mut().filter(|_| is(topics::PLACES.name())) {
                 record.decode::<PlaceBelief>().map(|message| places.add(&message, MOST_PLACES))
             } else if is(topics::MODEL.name()) {
@@ -343,6 +346,7 @@ impl Export<'_> {
         }
         self.pack(&["transitions"], vec![transitions.finish()])?;
         self.pack(&["decisions"], vec![decisions.finish()])?;
+        self.pack(&["prospects"], vec![prospects.finish()])?;
         if let Some(places) = places {
             self.pack(&["places"], vec![places.finish()])?;
         }

@@ -7,7 +7,7 @@ use faer::{MatRef, Par};
 use rayon::prelude::*;
 
 use super::npz::{Array, ArrayEntry};
-use crate::log::messages::{Decision, DictionaryGrowth, Evaluation, ModelUpdate, PlaceBelief, Transition};
+use crate::log::messages::{Decision, DictionaryGrowth, Evaluation, ModelUpdate, PlaceBelief, Prospect, Transition};
 use crate::policy::{Learned, columns};
 use crate::scenario::Scenario;
 use crate::source::{Frame, MarkKind, View};
@@ -102,6 +102,17 @@ table! {
         epoch: u32 [] = [message.epoch], "the model in use, 0 before the first";
         q_values: f64 [actions] = fixed(&message.q_values, scenario.robot.actions.len()), "value of each action for that task; not a number without one";
         reflex: bool [] = [message.reflex], "a reflex replaced what the behaviour wished";
+    }
+}
+
+table! {
+    /// One row for each decision of a pursuit of which something is expected.
+    Prospects() of message: Prospect, scenario: &Scenario {
+        frame: u64 [] = [message.frame], "the frame that was decided on";
+        task: i32 [] = [task_number(scenario, &message.task)], "number of the task that is pursued";
+        done: u32 [] = [message.done], "actions of the pursuit so far";
+        actions: f64 [] = [message.actions], "actions until the goal that are expected";
+        arrival: f64 [] = [message.arrival], "probability of arriving before it is given up";
     }
 }
 

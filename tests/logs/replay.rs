@@ -252,6 +252,7 @@ fn a_run_that_was_interrupted_goes_on_to_the_end_of_one_that_was_not() {
     assert!(stated.iter().all(|of| of.actions >= 1.0 && of.arrival > 0.0 && of.arrival < 1.0));
     let about = export(folder.path(), &["whole", "--out", "arrays"]);
     assert_eq!(about["files"]["places.npz"]["probability"]["shape"], serde_json::json!([believed.len(), 8]));
+    assert_eq!(about["files"]["prospects.npz"]["arrival"]["shape"], serde_json::json!([stated.len()]));
     signalled(folder.path(), &actions, 500_000, "-INT");
     let run = folder.path().join("run");
     let frames = report(&run)["run"]["frames"].as_u64().unwrap();

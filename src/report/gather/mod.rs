@@ -322,6 +322,8 @@ impl Gathered {
             }
         } else if is(topics::DECISION.name()) {
             let decision: Decision = record.decode()?;
+            // A pursuit that was called off.
+            self.begun.take_if(|begun| begun.task != decision.task);
             self.decided[usize::from(decision.behaviour == Decision::PURSUE)] += 1;
             self.decided[2] += u64::from(decision.reflex);
         } else if is(topics::TRANSITION.name()) {
