@@ -41,6 +41,7 @@
 //! | [`gpu`] | a graphics processor, where there is one |
 //! | [`snapshot`] | objects saved and restored, bit for bit |
 //! | [`replay`] | a recorded run once more; two runs side by side |
+//! | [`learn`] | one model from many logs |
 //! | [`export`] | a recorded run as arrays for Python |
 //! | [`evaluate`] | trials, optimum, reference, convergence quality, pose decoding |
 //! | [`report`] | what a run came to |
@@ -136,6 +137,8 @@ pub mod export;
 #[cfg(feature = "agent")]
 pub mod gpu;
 pub mod kernel;
+#[cfg(feature = "agent")]
+pub mod learn;
 #[cfg(feature = "live")]
 pub mod live;
 #[cfg(feature = "agent")]

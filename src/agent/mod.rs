@@ -31,9 +31,24 @@ pub use memory::{Memory, machine_memory};
 pub use run::{Outcome, RunOptions, run};
 pub use runtime::checkpoint::{
     CHECKPOINT_NAME, CheckpointError, STATE_NAME, SavedState, checkpoint_bytes, read_checkpoint, read_state,
+    write_checkpoint, write_state,
 };
 pub use runtime::clock::Timing;
 pub use runtime::controls::{Controls, Marking, TooMany};
 pub use runtime::marker::SnapshotSettings;
 pub use runtime::status::{Status, StatusValues, peak_resident_bytes, resident_bytes};
 pub use runtime::timing::RecordedEvents;
+
+/// The steps of a run, for who learns from many recordings at once.
+pub(crate) mod steps {
+    pub use super::actors::fit::FitPolicies;
+    pub use super::actors::learn::saved::{PlaceWindow, put_window, take_window};
+    pub use super::actors::learn::{Sample, Transitions};
+    pub use super::actors::messages::{Marked, SolveRequest};
+    pub use super::actors::perceive::Perceive;
+    pub use super::actors::saved::{Observations, SavedMark};
+    pub use super::actors::solve::Solve;
+    pub use super::actors::tasks::Tasks;
+    pub use super::runtime::threads::parallelism;
+    pub use super::runtime::timing::ModelTiming;
+}

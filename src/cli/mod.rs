@@ -13,6 +13,7 @@ mod folder;
 mod forecast;
 mod import;
 mod info;
+mod learn;
 pub mod program;
 mod progress;
 mod recover;
@@ -35,6 +36,7 @@ use std::sync::atomic::AtomicBool;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
 use crate::experiment::worlds;
+use crate::learn::Job;
 use crate::live::serve::parse_address;
 
 /// How a command ended, if not as it should.
@@ -100,6 +102,14 @@ pub enum Command {
     /// Learn from a run's recorded frames again, with the same or other settings; or verify that they give the same; or learn
     /// from the log of another program.
     Replay(ReplayArgs),
+    /// Learn one model from many logs, on several processes or machines: the same bits on any number of them.
+    Learn(LearnArgs),
+    /// For `learn` on an engine of your own: what a log has that a dictionary lacks.
+    Members(PartArgs),
+    /// For `learn` on an engine of your own: a log's sums over a dictionary, and its transitions.
+    Moments(PartArgs),
+    /// For `learn` on an engine of your own: candidates of all logs as one dictionary, or sums of all logs as a model.
+    Merge(MergeArgs),
     /// Go on with a run that was interrupted: nothing that it had recorded is lost.
     Resume(ResumeArgs),
     /// Copy what can be read of a damaged log into a new, clean file, and say what is lost.
@@ -157,6 +167,81 @@ pub struct RunArgs {
     /// Last of all: what launch files of ROS 2 say, -r FROM:=TO for names (also __ns and __node) and -p KEY:=VALUE for keys.
     #[arg(long, value_name = "ARGS", num_args = 0.., allow_hyphen_values = true)]
     pub ros_args: Vec<String>,
+}
+
+/// Arguments of `adagio learn`.
+#[derive(Debug, Args)]
+pub struct LearnArgs {
+    /// Run folders or .mcap files of our own: of one camera and one set of actions, in one place.
+    #[arg(required = true, value_name = "LOG")]
+    pub logs: Vec<PathBuf>,
+    /// Scenario file [default: that of the first log].
+    #[arg(long, value_name = "FILE")]
+    pub scenario: Option<PathBuf>,
+    /// Change a key of the scenario; repeatable.
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+    /// Folder for the result: a new one, or one in which the same was begun [default: a new one under logs/].
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Processes that each work on one log at a time.
+    #[arg(long, value_name = "N", default_value = "1", conflicts_with = "hosts")]
+    pub workers: std::num::NonZero<u16>,
+    /// Machines that work in place of this one, a name in each line, reached by ssh; a name may stand there several times. They must have
+    /// this program, the logs and the folder of the result under the same names.
+    #[arg(long, value_name = "FILE")]
+    pub hosts: Option<PathBuf>,
+    /// Do not try policies in the scenario's simulated world.
+    #[arg(long)]
+    pub no_evaluate: bool,
+    /// No progress on stderr.
+    #[arg(long)]
+    pub quiet: bool,
+    /// Print report.json instead of a table.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `adagio members` and `adagio moments`.
+#[derive(Debug, Args)]
+pub struct PartArgs {
+    /// Run folder or .mcap file.
+    pub log: PathBuf,
+    /// Scenario file: the same for all logs.
+    #[arg(long, value_name = "FILE")]
+    pub scenario: PathBuf,
+    /// The dictionary so far [default: none, where the scenario has dictionary.sigma].
+    #[arg(long, value_name = "FILE")]
+    pub dictionary: Option<PathBuf>,
+    /// The part. One that is there, of the same log, scenario and dictionary, is not made again.
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+}
+
+/// Arguments of `adagio merge`.
+#[derive(Debug, Args)]
+pub struct MergeArgs {
+    /// What `adagio members` or `adagio moments` has made, one of each log.
+    #[arg(required = true, value_name = "PART")]
+    pub parts: Vec<PathBuf>,
+    /// Scenario file: the same for all logs.
+    #[arg(long, value_name = "FILE")]
+    pub scenario: PathBuf,
+    /// The dictionary that the parts were made with [default: none, where the scenario has dictionary.sigma].
+    #[arg(long, value_name = "FILE")]
+    pub dictionary: Option<PathBuf>,
+    /// The dictionary of candidates, a file; or the model of sums, a new folder.
+    #[arg(long, value_name = "FILE|DIR")]
+    pub out: PathBuf,
+    /// Do not try policies in the scenario's simulated world.
+    #[arg(long)]
+    pub no_evaluate: bool,
+    /// No progress on stderr.
+    #[arg(long)]
+    pub quiet: bool,
+    /// Machine-readable result.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Arguments of `adagio soak`.
@@ -439,7 +524,7 @@ pub fn finishes(command: &Command) -> Option<&'static str> {
         Command::Run(_) | Command::Replay(_) | Command::Resume(_) | Command::Soak(_) => {
             Some("the log is closed and the report written")
         }
-        Command::Experiment(_) => Some("what is done is kept"),
+        Command::Experiment(_) | Command::Learn(_) => Some("what is done is kept"),
         Command::Watch(args) if !args.once => Some("the terminal is given back"),
         _ => None,
     }
@@ -456,6 +541,10 @@ pub fn dispatch(cli: Cli, stop: &Arc<AtomicBool>) -> Result<(), Ending> {
         Command::Info(args) => info::info(&args),
         Command::Evaluate(args) => evaluate::evaluate(&args),
         Command::Replay(args) => replay::replay(&args, stop),
+        Command::Learn(args) => learn::learn(&args, stop),
+        Command::Members(args) => learn::part(&args, &Job::Members),
+        Command::Moments(args) => learn::part(&args, &Job::Sums),
+        Command::Merge(args) => learn::merge_parts(&args),
         Command::Resume(args) => resume::resume(&args, stop),
         Command::Recover(args) => recover::recover(&args),
         Command::Compare(args) => compare::compare(&args),

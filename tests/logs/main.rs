@@ -14,6 +14,7 @@ mod export;
 mod import;
 mod import_damage;
 mod interop;
+mod learn;
 mod recover;
 mod replay;
 mod run;

@@ -5,7 +5,7 @@ use std::convert::Infallible;
 use super::messages::Item;
 use super::record::{Level, Recorder};
 use crate::agent::error::RunError;
-use crate::agent::runtime::checkpoint::write_state;
+use crate::agent::runtime::checkpoint::{SavedState, write_state};
 use crate::agent::runtime::marker::SnapshotSettings;
 use crate::agent::runtime::queue::Inbox;
 use crate::scenario::Scenario;
@@ -25,7 +25,8 @@ pub fn run(
             break;
         }
         let (frame, stamp) = (marker.frame, marker.stamp_ns);
-        failure = write_state(&keep.path, *marker, scenario).err();
+        let state = SavedState { snapshot: marker.snapshot, frame, stamp_ns: stamp };
+        failure = write_state(&keep.path, state, scenario).err();
         if let Some(error) = &failure {
             let text = format!("the state after frame {frame} is not kept: {error}");
             let _ = record.diagnostic(Level::Warn, stamp, text);

@@ -4,11 +4,12 @@ use std::sync::Arc;
 
 use nalgebra::Point2;
 
-use super::messages::{Marked, TaskOutcomes};
+use super::messages::{Marked, TaskOutcomes, TaskTransition};
 use super::saved::wrong;
 use crate::scenario::{Avoid, ChangeKind, Plan, Scenario, Task, in_goal};
 use crate::snapshot::{Persist, Snapshot, SnapshotError};
 use crate::source::{GoalMove, Mark, MarkKind};
+use crate::value::{Transition, Window};
 use crate::vision::Observation;
 
 /// How an action ended.
@@ -134,6 +135,15 @@ impl Tasks {
         let places = places.collect::<Option<Vec<[f64; 2]>>>().filter(|places| !places.is_empty())?;
         let mean = |i: usize| places.iter().map(|place| place[i]).sum::<f64>() / places.len() as f64;
         Some([mean(0), mean(1)])
+    }
+
+    /// The transitions of a window, judged by the tasks as they are now.
+    pub fn judged(&self, window: &Window<Arc<Observation>, ActionEnd>) -> Vec<TaskTransition> {
+        let judged = |t: Transition<Arc<Observation>, ActionEnd>| {
+            let Transition { from, action, allowed, result, to, cell } = t;
+            Transition { from, action, allowed, result: self.outcomes_of(&result), to, cell }
+        };
+        window.snapshot().into_iter().map(judged).collect()
     }
 
     /// What an action that ended so is worth to the tasks as they are now. What it is worth to tasks whose goals are shown follows from features, when policies are fitted: until then it is not a number.

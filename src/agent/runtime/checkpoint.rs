@@ -18,7 +18,6 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use thiserror::Error;
 
-use super::marker::Marker;
 use crate::kernel::Kernel;
 use crate::policy::{FloorMap, GoalRegion, Learned};
 use crate::scenario::{Scenario, ScenarioError, hex};
@@ -382,10 +381,9 @@ fn state_digest(head: &StateHead, matrices: &BTreeMap<String, Matrix>) -> String
 ///
 /// # Errors
 /// The file system refused.
-pub fn write_state(path: &Path, marker: Marker, scenario: &Scenario) -> Result<(), CheckpointError> {
-    let Snapshot { matrices, texts, .. } = marker.snapshot;
-    let version = env!("CARGO_PKG_VERSION").to_owned();
-    let (scenario_sha256, frame, stamp_ns) = (scenario.sha256(), marker.frame, marker.stamp_ns);
+pub fn write_state(path: &Path, state: SavedState, scenario: &Scenario) -> Result<(), CheckpointError> {
+    let SavedState { snapshot: Snapshot { matrices, texts, .. }, frame, stamp_ns } = state;
+    let (version, scenario_sha256) = (env!("CARGO_PKG_VERSION").to_owned(), scenario.sha256());
     let mut head = StateHead { version, scenario_sha256, frame, stamp_ns, texts, digest: String::new() };
     head.digest = state_digest(&head, &matrices);
     let head = serde_json::to_string(&head).map_err(damaged)?;

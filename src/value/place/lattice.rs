@@ -5,8 +5,8 @@ use std::f64::consts::TAU;
 
 use faer::MatRef;
 
-use super::{Pose, around};
 use super::states::{BySquare, HEADINGS};
+use super::{Pose, around};
 
 /// Side of a square, moves.
 const SIDE: f64 = 0.5;

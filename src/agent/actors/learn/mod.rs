@@ -2,7 +2,7 @@
 //!
 //! [`Learn`] is the step; its loop is in `thread`, its saved form in `saved`.
 
-mod saved;
+pub mod saved;
 mod thread;
 
 pub use thread::LearnLoop;
@@ -12,7 +12,7 @@ use std::sync::Arc;
 use faer::{Mat, Par};
 use thiserror::Error;
 
-use super::messages::{Growth, SolveRequest, TaskTransition};
+use super::messages::{Growth, SolveRequest};
 use super::tasks::{ActionEnd, Tasks};
 use crate::agent::error::LearnError;
 use crate::agent::runtime::threads::parallelism;
@@ -49,6 +49,39 @@ pub struct Seen {
     pub changed: bool,
 }
 
+/// A window of the transitions of a series of frames.
+pub struct Transitions {
+    pub window: Window<Arc<Observation>, ActionEnd>,
+    /// The observation before the action that is going on, and its cell.
+    last_boundary: Option<(Arc<Observation>, usize)>,
+}
+
+impl Transitions {
+    /// None yet, and at most so many.
+    pub fn new(capacity: usize) -> Self {
+        Transitions { window: Window::new(capacity), last_boundary: None }
+    }
+
+    /// The next frame, and its cell; `None` where nothing is known of it.
+    pub fn add(&mut self, frame: &Sample, cell: Option<usize>) {
+        if frame.link.is_none() {
+            // Frames are missing before this one: the outcome of the action is not known.
+            self.last_boundary = None;
+        }
+        let Some((end, allowed)) = frame.boundary.clone() else { return };
+        let Some(cell) = cell else {
+            // Nothing is known of where this action ended and the next one began.
+            self.last_boundary = None;
+            return;
+        };
+        let before = self.last_boundary.replace((frame.observation.clone(), cell));
+        if let (Some((from, cell)), Some(action)) = (before, frame.action) {
+            let (action, to) = (action.index(), frame.observation.clone());
+            self.window.push(Transition { from, action, allowed, result: end, to, cell });
+        }
+    }
+}
+
 /// What came of a frame.
 #[derive(Default)]
 pub struct Learning {
@@ -67,10 +100,8 @@ pub struct Learn {
     /// As they were with the last frame. They may change: the window keeps where an action ended, and rewards follow from that when
     /// they are needed.
     tasks: Arc<Tasks>,
-    window: Window<Arc<Observation>, ActionEnd>,
+    transitions: Transitions,
     last_number: Option<u64>,
-    /// The observation before the action that is going on, and its cell.
-    last_boundary: Option<(Arc<Observation>, usize)>,
     /// Whether a model is due that was not asked for yet.
     owed: bool,
     /// Whether policies for the tasks as they are now were not asked for yet.
@@ -84,7 +115,7 @@ impl Learn {
     /// An actor that has learned nothing.
     pub fn new(scenario: Arc<Scenario>, tasks: Arc<Tasks>, timing: Arc<ModelTiming>) -> Self {
         Learn {
-            window: Window::new(scenario.value.window),
+            transitions: Transitions::new(scenario.value.window),
             par: parallelism(&scenario.agent),
             scenario,
             timing,
@@ -92,7 +123,6 @@ impl Learn {
             stream: None,
             pending: Vec::new(),
             last_number: None,
-            last_boundary: None,
             owed: false,
             refit: false,
             last_request: None,
@@ -154,18 +184,10 @@ impl Learn {
             stamp_ns: self.stamp_ns,
             frames: self.frames,
             sums,
-            window: self.window_with_outcomes(),
+            window: self.tasks.judged(&self.transitions.window),
             goals: self.tasks.centres(),
             marks: self.tasks.marks.clone(),
         }))
-    }
-
-    fn window_with_outcomes(&self) -> Vec<TaskTransition> {
-        let with_outcomes = |t: Transition<Arc<Observation>, ActionEnd>| {
-            let Transition { from, action, allowed, result, to, cell } = t;
-            Transition { from, action, allowed, result: self.tasks.outcomes_of(&result), to, cell }
-        };
-        self.window.snapshot().into_iter().map(with_outcomes).collect()
     }
 
     /// Put all pending frames into the stream, and the transitions that end in them into the window.
@@ -192,27 +214,7 @@ impl Learn {
             let mut cells = screened.block.nearest.iter();
             for (index, frame) in pending[start..start + size].iter().enumerate() {
                 let cell = if screened.quarantined.contains(&index) { None } else { cells.next().copied() };
-                if frame.link.is_none() {
-                    // Frames are missing before this one: the outcome of the action is not known.
-                    self.last_boundary = None;
-                }
-                let Some((end, allowed)) = frame.boundary.clone() else { continue };
-                let Some(cell) = cell else {
-                    // Nothing is known of where this action ended and the next one began.
-                    self.last_boundary = None;
-                    continue;
-                };
-                let before = self.last_boundary.replace((frame.observation.clone(), cell));
-                if let (Some((from, cell)), Some(action)) = (before, frame.action) {
-                    self.window.push(Transition {
-                        from,
-                        action: action.index(),
-                        allowed,
-                        result: end,
-                        to: frame.observation.clone(),
-                        cell,
-                    });
-                }
+                self.transitions.add(frame, cell);
             }
             start += size;
         }

@@ -52,8 +52,8 @@ impl Persist for Learn {
 impl Learn {
     fn put_seen(&self, snapshot: &mut Snapshot, values: usize) -> Result<(), SnapshotError> {
         let mut seen = Observations::default();
-        put_window(&self.window, &mut seen, snapshot)?;
-        let mut last_boundary = self.last_boundary.as_ref().map(|(before, cell)| (seen.add(before), *cell));
+        put_window(&self.transitions.window, &mut seen, snapshot)?;
+        let mut last_boundary = self.transitions.last_boundary.as_ref().map(|(before, cell)| (seen.add(before), *cell));
         let mut pending: Vec<Waiting> = self
             .pending
             .iter()
@@ -74,11 +74,11 @@ impl Learn {
     fn take_seen(&mut self, snapshot: &mut Snapshot, values: usize) -> Result<(), SnapshotError> {
         let mut seen = Observations::default();
         seen.persist(snapshot, values)?;
-        self.window = take_window(self.scenario.value.window, &seen, snapshot)?;
+        self.transitions.window = take_window(self.scenario.value.window, &seen, snapshot)?;
         let (mut last_boundary, mut pending): (Option<(u64, usize)>, Vec<Waiting>) = (None, Vec::new());
         snapshot.value("last_boundary", &mut last_boundary)?;
         snapshot.value("pending", &mut pending)?;
-        self.last_boundary = match last_boundary {
+        self.transitions.last_boundary = match last_boundary {
             Some((frame, cell)) => Some((seen.get(frame)?, cell)),
             None => None,
         };
@@ -125,10 +125,10 @@ fn bits(numbers: &[f64]) -> Vec<u64> {
 }
 
 /// The window of transitions, each with how it ended.
-type PlaceWindow = Window<Arc<Observation>, ActionEnd>;
+pub type PlaceWindow = Window<Arc<Observation>, ActionEnd>;
 
 /// Save a window of transitions: what they refer to is added to `seen`.
-fn put_window(window: &PlaceWindow, seen: &mut Observations, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
+pub fn put_window(window: &PlaceWindow, seen: &mut Observations, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
     let (entries, mut next) = window.arrivals();
     let mut stored: Vec<Stored> = entries
         .into_iter()
@@ -149,7 +149,11 @@ fn put_window(window: &PlaceWindow, seen: &mut Observations, snapshot: &mut Snap
 }
 
 /// Restore a window.
-fn take_window(capacity: usize, seen: &Observations, snapshot: &mut Snapshot) -> Result<PlaceWindow, SnapshotError> {
+pub fn take_window(
+    capacity: usize,
+    seen: &Observations,
+    snapshot: &mut Snapshot,
+) -> Result<PlaceWindow, SnapshotError> {
     let (mut stored, mut next): (Vec<Stored>, u64) = (Vec::new(), 0);
     snapshot.value("window", &mut stored)?;
     snapshot.value("arrivals", &mut next)?;

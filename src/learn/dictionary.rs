@@ -1,0 +1,197 @@
+//! Support vectors for all logs: candidates of each, and the union.
+
+use std::path::{Path, PathBuf};
+
+use faer::{Mat, MatRef};
+use sha2::{Digest, Sha256};
+
+use super::{Head, Log, ManyError, Task, read_part, write_part};
+use crate::agent::steps::parallelism;
+use crate::dictionary::{Ald, DictionaryError, Parameters, Selection, width_for_share};
+use crate::kernel::Kernel;
+use crate::policy::columns;
+use crate::scenario::{Scenario, SelectionRule, hex};
+use crate::snapshot::{Snapshot, SnapshotError};
+
+/// Support vectors, and the rule that they were chosen by.
+#[derive(Debug, Clone)]
+pub struct Dictionary {
+    pub(super) selection: Ald<f32>,
+    /// Width of the kernel.
+    pub sigma: f64,
+}
+
+impl Dictionary {
+    /// The rule of a scenario, with this width of the kernel, before it has taken anything.
+    fn new(scenario: &Scenario, sigma: f64) -> Result<Self, ManyError> {
+        let settings = &scenario.dictionary;
+        let kernel = Kernel::radial(sigma, settings.exponent).map_err(|cause| no_dictionary(cause.into()))?;
+        let (nu, budget, when_full) = (settings.nu, settings.budget, settings.when_full);
+        let parameters = Parameters { kernel, nu, budget, when_full, par: parallelism(&scenario.agent) };
+        Ok(Dictionary { selection: Ald::new(parameters).map_err(no_dictionary)?, sigma })
+    }
+
+    /// Support vectors, `d × m`.
+    pub fn members(&self) -> MatRef<'_, f32> {
+        self.selection.dictionary().members()
+    }
+
+    /// Threshold of acceptance: above the scenario's, where the budget was used up.
+    pub fn nu(&self) -> f64 {
+        self.selection.nu().unwrap_or(f64::NAN)
+    }
+
+    /// A hash of everything that it is made of.
+    pub fn digest(&self) -> String {
+        let mut hash = Sha256::new();
+        hash.update([self.sigma, self.nu()].map(f64::to_le_bytes).as_flattened());
+        self.members().col_iter().for_each(|member| member.iter().for_each(|value| hash.update(value.to_le_bytes())));
+        hex(&hash.finalize())
+    }
+
+    /// Write it.
+    ///
+    /// # Errors
+    /// The file system refused.
+    pub fn write(&self, path: &Path, scenario: &Scenario) -> Result<(), ManyError> {
+        let (mut snapshot, mut sigma) = (Snapshot::new(), self.sigma);
+        snapshot.number("sigma", &mut sigma).map_err(|cause| part(path, &cause))?;
+        self.selection.clone().persist(&mut snapshot).map_err(|cause| part(path, &cause))?;
+        write_part(path, snapshot, 0, scenario)
+    }
+
+    /// Read one that was made for a scenario.
+    ///
+    /// # Errors
+    /// The file cannot be read, or is of another scenario.
+    pub fn read(path: &Path, scenario: &Scenario) -> Result<Self, ManyError> {
+        let (mut of, mut sigma) = (read_part(path, scenario)?, 0.0);
+        of.snapshot.number("sigma", &mut sigma).map_err(|cause| part(path, &cause))?;
+        let mut dictionary = Dictionary::new(scenario, sigma)?;
+        dictionary.selection.persist(&mut of.snapshot).map_err(|cause| part(path, &cause))?;
+        Ok(dictionary)
+    }
+
+    /// Take what these observations, `d × n`, have that it lacks, block by block.
+    fn take(&mut self, x: MatRef<'_, f32>, block: usize) -> Result<(), ManyError> {
+        for start in (0..x.ncols()).step_by(block) {
+            self.selection.observe(x.subcols(start, block.min(x.ncols() - start))).map_err(no_dictionary)?;
+            self.selection.thin().map_err(no_dictionary)?;
+        }
+        Ok(())
+    }
+}
+
+fn part(path: &Path, cause: &SnapshotError) -> ManyError {
+    ManyError::Part { path: path.to_owned(), cause: cause.to_string() }
+}
+
+fn no_dictionary(cause: DictionaryError) -> ManyError {
+    ManyError::NoModel(format!("there are no support vectors: {cause}"))
+}
+
+/// The rule before there are any support vectors: with the scenario's width of the kernel, or the one for the first frames of all
+/// logs, as many of each.
+///
+/// # Errors
+/// A scenario that selects at random; first frames that are all alike.
+pub fn first_dictionary(task: &Task, logs: &[Log]) -> Result<Dictionary, ManyError> {
+    let settings = &task.scenario.dictionary;
+    if settings.selection != SelectionRule::Ald {
+        return Err(ManyError::Together(
+            "dictionary.selection must be \"ald\" here: of many logs, random selections are no random selection".into(),
+        ));
+    }
+    let sigma = match settings.sigma {
+        Some(sigma) => sigma,
+        None if logs.is_empty() => {
+            return Err(ManyError::Together(
+                "the width of the kernel is not known: give --dictionary, or dictionary.sigma in the scenario".into(),
+            ));
+        }
+        None => {
+            let of_each = settings.sigma_frames.div_ceil(logs.len());
+            let samples: Vec<_> = logs.iter().flat_map(|log| log.samples(task).next(of_each)).collect();
+            let first = columns(samples.iter().map(|sample| sample.observation.as_ref()));
+            let kernel = |sigma| Kernel::radial(sigma, settings.exponent);
+            let par = parallelism(&task.scenario.agent);
+            width_for_share(first.as_ref(), settings.nu, settings.sigma_share, kernel, par).map_err(no_dictionary)?
+        }
+    };
+    Dictionary::new(&task.scenario, sigma)
+}
+
+/// What a log has that a dictionary lacks.
+#[derive(Debug)]
+pub struct Candidates {
+    head: Head,
+    members: Mat<f32>,
+    frames: u64,
+}
+
+impl Candidates {
+    /// Write them as a part.
+    ///
+    /// # Errors
+    /// The file system refused.
+    pub fn write(mut self, path: &Path, scenario: &Scenario) -> Result<(), ManyError> {
+        let mut snapshot = Snapshot::new();
+        self.persist(&mut snapshot).map_err(|cause| part(path, &cause))?;
+        write_part(path, snapshot, self.frames, scenario)
+    }
+
+    /// Read a part.
+    ///
+    /// # Errors
+    /// The file cannot be read, or is something else.
+    pub fn read(path: &Path, scenario: &Scenario) -> Result<Self, ManyError> {
+        let mut of = read_part(path, scenario)?;
+        let mut candidates = Candidates { head: Head::default(), members: Mat::new(), frames: of.frame };
+        candidates.persist(&mut of.snapshot).map_err(|cause| part(path, &cause))?;
+        Ok(candidates)
+    }
+
+    fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
+        self.head.persist(snapshot)?;
+        snapshot.matrix("members", &mut self.members, |rows, columns| (rows, columns))
+    }
+}
+
+/// The frames of a log that become support vectors beside those of a dictionary, in their order, by its rule.
+///
+/// # Errors
+/// None that a log that fits can meet.
+pub fn candidates(task: &Task, log: &Log, dictionary: &Dictionary) -> Result<Candidates, ManyError> {
+    let (mut beside, mut samples, block) =
+        (dictionary.clone(), log.samples(task), task.scenario.dictionary.block_frames);
+    let known = beside.selection.dictionary().serials().last().map_or(0, |last| last + 1);
+    let mut frames = 0;
+    loop {
+        let seen = samples.next(block);
+        if seen.is_empty() {
+            break;
+        }
+        frames += seen.len() as u64;
+        beside.take(columns(seen.iter().map(|sample| sample.observation.as_ref())).as_ref(), block)?;
+    }
+    let of = beside.selection.dictionary();
+    let new: Vec<usize> = (0..of.len()).filter(|&place| of.serials()[place] >= known).collect();
+    let members = Mat::from_fn(of.members().nrows(), new.len(), |i, j| of.members()[(i, new[j])]);
+    Ok(Candidates { head: Head::of("members", log, dictionary), members, frames })
+}
+
+/// A dictionary and what logs have that it lacks, thinned by the same rule, in the order of the logs' digests; and whether that is more.
+/// One part is held at a time.
+///
+/// # Errors
+/// Candidates beside another dictionary, or twice of one log; files that cannot be read.
+pub fn union(task: &Task, dictionary: &Dictionary, parts: &[PathBuf]) -> Result<(Dictionary, bool), ManyError> {
+    let head = |path: &Path| Ok(Candidates::read(path, &task.scenario)?.head);
+    let mut all = dictionary.clone();
+    for path in super::in_order(parts, head, ("members", dictionary))? {
+        let candidates = Candidates::read(path, &task.scenario)?;
+        all.take(candidates.members.as_ref(), task.scenario.dictionary.block_frames)?;
+    }
+    let more = all.digest() != dictionary.digest();
+    Ok((all, more))
+}

@@ -1,0 +1,186 @@
+//! One model from many logs.
+//!
+//! What slow features need of frames are sums over them, and sums of two logs are the sum over both. So each log is worked on alone, by
+//! whoever is next to it, and what comes back is small:
+//!
+//! 1. [`Recordings`]: each log is looked at once. What does not fit, or is damaged, is named before anything else begins.
+//! 2. [`Job::Members`]: each log gives candidates for support vectors; the union of them, thinned by the same rule, is the
+//!    [`Dictionary`]. Again, from that one on, until no log has a frame that it lacks.
+//! 3. [`Job::Sums`]: each log gives its sums over that dictionary, and its transitions.
+//! 4. [`model`]: sums are added in pairs, in the order of the logs' digests; features and values follow as in a run.
+//!
+//! # Parts
+//! Jobs leave files. A part says of which log it is (a digest of its files), for which scenario, over which dictionary (its digest) and how
+//! many frames it covers. One that is there is not made again: that is all there is to a worker that fails, on any engine.
+//!
+//! # Repeatability
+//! The same logs give the same bits on any number of workers, in any order and under any name: nothing is added in the order of arrival.
+//! No derivative is taken across the border of a log. The union of one log's candidates is the dictionary of a run, if that does not thin;
+//! but all frames then have all coordinates, which in a run those have only that are retained.
+
+mod dictionary;
+mod model;
+mod recordings;
+mod sums;
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use thiserror::Error;
+
+pub use dictionary::{Candidates, Dictionary, candidates, first_dictionary, union};
+pub use model::{Learned, model};
+pub use recordings::{LeftOut, Log, Recordings};
+pub use sums::{Sums, merge, sums};
+
+use crate::agent::{CheckpointError, SavedState, read_state, write_state};
+use crate::scenario::{Plan, Scenario};
+use crate::slow::SlowError;
+use crate::snapshot::{Snapshot, SnapshotError};
+
+/// Why nothing can be learned from logs.
+#[derive(Debug, Error)]
+pub enum ManyError {
+    /// A log cannot be read, or is damaged.
+    #[error("{0}")]
+    Log(LeftOut),
+    /// A log of another camera or other actions.
+    #[error("{0}")]
+    Unlike(LeftOut),
+    /// All of these.
+    #[error("{} of the logs cannot be learned from together with the scenario:\n{}", .0.len(), list(.0))]
+    AllUnlike(Vec<LeftOut>),
+    /// A part is of something else, or damaged.
+    #[error("the part {}: {cause}", path.display())]
+    Part {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        cause: String,
+    },
+    /// Parts that do not belong together.
+    #[error("{0}")]
+    Together(String),
+    /// A part cannot be written.
+    #[error(transparent)]
+    Write(#[from] CheckpointError),
+    /// Sums that cannot be added or solved.
+    #[error(transparent)]
+    Slow(#[from] SlowError),
+    /// There are no features or policies.
+    #[error("{0}")]
+    NoModel(String),
+}
+
+fn list(logs: &[LeftOut]) -> String {
+    logs.iter().map(|log| format!("  {log}")).collect::<Vec<String>>().join("\n")
+}
+
+/// What learning from many logs is for: a scenario, and its floor plan.
+#[derive(Debug, Clone)]
+pub struct Task {
+    /// Settings of dictionary, features and values, and the tasks.
+    pub scenario: Arc<Scenario>,
+    /// Where rewards near walls are.
+    pub plan: Arc<Plan>,
+}
+
+/// Work on one log.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Job {
+    /// Candidates for support vectors that a dictionary lacks.
+    Members,
+    /// Sums over a dictionary, and transitions.
+    Sums,
+}
+
+impl Job {
+    /// Do it, unless the part is there already.
+    ///
+    /// # Errors
+    /// A log that cannot be read any more, a part that cannot be written.
+    pub fn run(&self, task: &Task, log: &Path, dictionary: &Dictionary, out: &Path) -> Result<(), ManyError> {
+        let log = Log::open(log, &task.scenario)?;
+        if self.is_done(task, &log, dictionary, out) {
+            return Ok(());
+        }
+        match self {
+            Job::Members => candidates(task, &log, dictionary)?.write(out, &task.scenario),
+            Job::Sums => sums(task, &log, dictionary)?.write(out, &task.scenario),
+        }
+    }
+
+    /// Whether a part is there, whole and of this work.
+    pub fn is_done(&self, task: &Task, log: &Log, dictionary: &Dictionary, out: &Path) -> bool {
+        let kind = if *self == Job::Members { "members" } else { "sums" };
+        let head = Head::of(kind, log, dictionary);
+        read_part(out, &task.scenario).is_ok_and(|mut part| Head::take(&mut part.snapshot).is_ok_and(|of| of == head))
+    }
+}
+
+/// What a part says of itself.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Head {
+    kind: String,
+    /// Digest of the log's files.
+    log: String,
+    /// Digest of the dictionary.
+    dictionary: String,
+}
+
+impl Head {
+    fn of(kind: &str, log: &Log, dictionary: &Dictionary) -> Self {
+        Head { kind: kind.to_owned(), log: log.digest.clone(), dictionary: dictionary.digest() }
+    }
+
+    fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
+        snapshot.value("kind", &mut self.kind)?;
+        snapshot.value("log", &mut self.log)?;
+        snapshot.value("dictionary", &mut self.dictionary)
+    }
+
+    fn take(snapshot: &mut Snapshot) -> Result<Self, SnapshotError> {
+        let mut head = Head::default();
+        head.persist(snapshot)?;
+        Ok(head)
+    }
+}
+
+/// Parts of one kind over one dictionary, of a log each, in the order of the logs. `head` reads what a part says of itself.
+fn in_order<'a>(
+    paths: &'a [PathBuf],
+    head: impl Fn(&Path) -> Result<Head, ManyError>,
+    (kind, dictionary): (&str, &Dictionary),
+) -> Result<Vec<&'a Path>, ManyError> {
+    let parts: Result<Vec<(Head, &Path)>, ManyError> = paths.iter().map(|path| Ok((head(path)?, &**path))).collect();
+    let mut parts = parts?;
+    parts.sort_by(|a, b| a.0.log.cmp(&b.0.log));
+    let digest = dictionary.digest();
+    for (head, path) in &parts {
+        let refuse = |cause: String| Err(ManyError::Part { path: path.to_path_buf(), cause });
+        if head.kind != kind {
+            return refuse(format!("it holds {}, not {kind}", head.kind));
+        }
+        if head.dictionary != digest {
+            return refuse(format!("it is over dictionary {:.8}, not over {digest:.8}", head.dictionary));
+        }
+    }
+    match parts.array_windows().find(|[a, b]| a.0.log == b.0.log) {
+        Some([a, b]) => Err(ManyError::Together(format!(
+            "{} and {} are parts of the same log: each counts once",
+            a.1.display(),
+            b.1.display()
+        ))),
+        None => Ok(parts.into_iter().map(|of| of.1).collect()),
+    }
+}
+
+fn read_part(path: &Path, scenario: &Scenario) -> Result<SavedState, ManyError> {
+    let part = |cause: String| ManyError::Part { path: path.to_owned(), cause };
+    let bytes = std::fs::read(path).map_err(|cause| part(cause.to_string()))?;
+    read_state(&bytes, scenario).map_err(|cause| part(cause.to_string()))
+}
+
+fn write_part(path: &Path, snapshot: Snapshot, frames: u64, scenario: &Scenario) -> Result<(), ManyError> {
+    Ok(write_state(path, SavedState { snapshot, frame: frames, stamp_ns: 0 }, scenario)?)
+}

@@ -1,0 +1,44 @@
+//! Features and policies from the sums of all logs.
+
+use std::sync::Arc;
+
+use super::{Dictionary, ManyError, Sums, Task};
+use crate::agent::steps::{FitPolicies, Solve, SolveRequest, Tasks, parallelism};
+use crate::policy;
+use crate::source::{Mark, MarkKind};
+
+/// What was learned, and what a person should know of it.
+pub struct Learned {
+    /// Features and policies.
+    pub learned: Arc<policy::Learned>,
+    /// Doubts about rewards, and the like.
+    pub notes: Vec<String>,
+    /// Transitions that values were fitted on.
+    pub transitions: usize,
+}
+
+/// Solve for slow features, and fit policies, as a run does.
+///
+/// # Errors
+/// Sums that span no direction, values that cannot be fitted.
+pub fn model(task: &Task, dictionary: &Dictionary, sums: Sums) -> Result<Learned, ManyError> {
+    let scenario = &task.scenario;
+    let par = parallelism(&scenario.agent);
+    let mut tasks = Tasks::new(scenario, task.plan.clone());
+    for marked in &sums.marks {
+        let place = marked.place.unwrap_or([f64::NAN; 2]).into();
+        tasks.mark(&[Mark { task: marked.task, kind: MarkKind::Here }], &marked.observation, place);
+    }
+    let request = SolveRequest {
+        asked_at: sums.end.saturating_sub(2),
+        stamp_ns: 0,
+        frames: sums.frames,
+        sums: Some((dictionary.selection.clone().into_dictionary(), sums.moments)),
+        window: tasks.judged(&sums.window),
+        goals: tasks.centres(),
+        marks: tasks.marks.clone(),
+    };
+    let update = FitPolicies::new(scenario.clone(), par).step(Solve::new(&scenario.slow, par).step(request));
+    let learned = update.learned.map_err(ManyError::NoModel)?;
+    Ok(Learned { learned, notes: update.notes, transitions: update.transitions })
+}

@@ -1,0 +1,176 @@
+//! The logs, and the frames in them.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use sha2::{Digest, Sha256};
+
+use super::{ManyError, Task};
+use crate::agent::steps::{ModelTiming, Perceive, Sample, Tasks};
+use crate::replay::Recording;
+use crate::scenario::{Scenario, hex};
+use crate::source::Recorded;
+
+/// Bytes of a file that are hashed at a time.
+const AT_ONCE: usize = 1 << 20;
+
+/// A log that can be learned from.
+#[derive(Debug, Clone)]
+pub struct Log {
+    /// The run folder or file.
+    pub path: PathBuf,
+    /// Its files, in order.
+    pub files: Vec<PathBuf>,
+    /// A hash of all their bytes: what the log is called, wherever it lies.
+    pub digest: String,
+    /// Frames.
+    pub frames: u64,
+}
+
+impl Log {
+    /// Look at a log, from its first byte to its last.
+    ///
+    /// # Errors
+    /// It cannot be read, is damaged, or is of another camera or other actions than the scenario's.
+    pub fn open(path: &Path, scenario: &Scenario) -> Result<Self, ManyError> {
+        let refuse = |cause: String| ManyError::Log(LeftOut { path: path.to_owned(), cause });
+        let recording = Recording::open(path).map_err(|error| refuse(error.to_string()))?;
+        if let Some(damage) = recording.damage.first() {
+            return Err(refuse(format!("it is damaged, {} records cannot be read: {damage}", recording.damaged)));
+        }
+        let recorded = recording.scenario(&[]).map_err(|error| refuse(error.to_string()))?;
+        if let Some(cause) = unlike(&recorded, scenario) {
+            return Err(ManyError::Unlike(LeftOut { path: path.to_owned(), cause }));
+        }
+        let mut hash = Sha256::new();
+        for file in &recording.files {
+            let read = File::open(file).and_then(|mut file| {
+                let mut bytes = vec![0; AT_ONCE];
+                loop {
+                    match file.read(&mut bytes)? {
+                        0 => return Ok(()),
+                        count => hash.update(&bytes[..count]),
+                    }
+                }
+            });
+            read.map_err(|error| refuse(error.to_string()))?;
+        }
+        let Recording { files, frames, .. } = recording;
+        Ok(Log { path: path.to_owned(), files, digest: hex(&hash.finalize()), frames })
+    }
+
+    /// Its frames, as a run would see them.
+    pub fn samples(&self, task: &Task) -> Samples {
+        let (scenario, plan) = (task.scenario.clone(), task.plan.clone());
+        let timing = Arc::new(ModelTiming::new(&scenario.agent, None));
+        let recorded = Recorded::new(scenario.clone(), crate::log::FilesReader::new(self.files.clone()));
+        Samples { recorded, perceive: Perceive::new(scenario, plan, timing) }
+    }
+}
+
+/// In what a recorded run differs so that nothing can be learned from both.
+fn unlike(recorded: &Scenario, scenario: &Scenario) -> Option<String> {
+    let (of, ours) = (&recorded.robot, &scenario.robot);
+    let camera = |scenario: &Scenario| {
+        let (camera, vision) = (&scenario.camera, &scenario.vision);
+        format!(
+            "{} × {} pixels, {}° wide, observations of {} × {}",
+            camera.width, camera.height, camera.field_of_view_deg, vision.width, vision.height
+        )
+    };
+    if recorded.vision != scenario.vision || camera(recorded) != camera(scenario) {
+        return Some(format!("its camera is another one: {}, here {}", camera(recorded), camera(scenario)));
+    }
+    if of.actions != ours.actions {
+        let names = |scenario: &Scenario| {
+            let names = scenario.robot.actions.iter().map(|action| scenario.robot.actions.name(action).to_owned());
+            names.collect::<Vec<String>>().join(", ")
+        };
+        return Some(format!("its actions are others: {}, here {}", names(recorded), names(scenario)));
+    }
+    let [frames, ours] = [of, ours].map(|robot| (robot.frames_per_action, robot.frame_seconds()));
+    (frames != ours)
+        .then(|| format!("it has {} frames an action, {} s each, here {} and {} s", frames.0, frames.1, ours.0, ours.1))
+}
+
+/// The frames of a log.
+pub struct Samples {
+    recorded: Recorded,
+    perceive: Perceive,
+}
+
+impl Samples {
+    /// The next ones, so many; fewer at the end.
+    pub fn next(&mut self, count: usize) -> Vec<Sample> {
+        let next = || Some(self.perceive.step(self.recorded.take()?).seen.sample);
+        std::iter::from_fn(next).take(count).collect()
+    }
+
+    /// The tasks as they are behind the last frame.
+    pub fn tasks(&self) -> Arc<Tasks> {
+        self.perceive.tasks()
+    }
+}
+
+/// A log that is left out, and why.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct LeftOut {
+    /// The run folder or file.
+    pub path: PathBuf,
+    /// Why.
+    pub cause: String,
+}
+
+impl std::fmt::Display for LeftOut {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}: {}", self.path.display(), self.cause)
+    }
+}
+
+/// Logs that are learned from together.
+#[derive(Debug, Default)]
+pub struct Recordings {
+    /// Those that can be, in the order of their digests.
+    pub logs: Vec<Log>,
+    /// Those that are damaged or cannot be read.
+    pub left_out: Vec<LeftOut>,
+}
+
+impl Recordings {
+    /// Look at logs; `tell` hears how many have been looked at.
+    ///
+    /// # Errors
+    /// Logs of other cameras or other actions, all of them in one list; the same log twice; none that can be learned from.
+    pub fn open(paths: &[PathBuf], scenario: &Scenario, tell: &dyn Fn(usize)) -> Result<Self, ManyError> {
+        let (mut recordings, mut unlike) = (Recordings::default(), Vec::new());
+        for (number, path) in paths.iter().enumerate() {
+            match Log::open(path, scenario) {
+                Ok(log) => recordings.logs.push(log),
+                Err(ManyError::Unlike(log)) => unlike.push(log),
+                Err(ManyError::Log(log)) => recordings.left_out.push(log),
+                Err(other) => return Err(other),
+            }
+            tell(number + 1);
+        }
+        if !unlike.is_empty() {
+            return Err(ManyError::AllUnlike(unlike));
+        }
+        recordings.logs.sort_by(|a, b| a.digest.cmp(&b.digest));
+        if let Some([a, b]) = recordings.logs.array_windows().find(|[a, b]| a.digest == b.digest) {
+            return Err(ManyError::Together(format!(
+                "{} and {} are the same log: each counts once",
+                a.path.display(),
+                b.path.display()
+            )));
+        }
+        match recordings.logs.is_empty() {
+            true => Err(ManyError::Together(format!(
+                "there is no log to learn from:\n{}",
+                super::list(&recordings.left_out)
+            ))),
+            false => Ok(recordings),
+        }
+    }
+}

@@ -1,0 +1,220 @@
+//! Sums over the frames of a log, and of all logs.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use faer::Mat;
+
+use super::{Dictionary, Head, Log, ManyError, Task, read_part, write_part};
+use crate::agent::steps::{
+    Marked, Observations, PlaceWindow, SavedMark, Transitions, parallelism, put_window, take_window,
+};
+use crate::policy::columns;
+use crate::scenario::Scenario;
+use crate::slow::{Link, Moments};
+use crate::snapshot::{Snapshot, SnapshotError};
+use crate::value::{Transition, Window};
+use crate::vision::Observation;
+
+/// Frames of a chunk, whose sums are added one after the other; chunks are added in pairs.
+const CHUNK: u64 = 1 << 16;
+/// Frames of a product.
+const AT_ONCE: usize = 512;
+
+/// What a log, or several, have to tell.
+pub struct Sums {
+    /// Of which log, over which dictionary.
+    head: Head,
+    /// Sums over the coordinates of frames.
+    pub(super) moments: Moments,
+    /// Transitions, at most as many as a scenario's window holds.
+    pub(super) window: PlaceWindow,
+    /// What was marked.
+    pub(super) marks: Vec<Marked>,
+    /// Frames that were summed over.
+    pub(super) frames: u64,
+    /// Their numbers are below this, by two: frames of the next log do not follow the last one.
+    pub(super) end: u64,
+    /// The largest residual of a frame: how much of one the dictionary lacks.
+    pub residual: f64,
+}
+
+impl Sums {
+    /// Write them as a part.
+    ///
+    /// # Errors
+    /// The file system refused.
+    pub fn write(mut self, path: &Path, scenario: &Scenario) -> Result<(), ManyError> {
+        let mut snapshot = Snapshot::new();
+        self.persist(&mut snapshot, scenario).map_err(|cause| part(path, &cause))?;
+        write_part(path, snapshot, self.frames, scenario)
+    }
+
+    /// Read a part.
+    ///
+    /// # Errors
+    /// The file cannot be read, or is something else.
+    pub fn read(path: &Path, scenario: &Scenario) -> Result<Self, ManyError> {
+        let mut of = read_part(path, scenario)?;
+        let mut sums = Sums::none(scenario);
+        sums.frames = of.frame;
+        sums.persist(&mut of.snapshot, scenario).map_err(|cause| part(path, &cause))?;
+        Ok(sums)
+    }
+
+    /// Frames that were summed over.
+    pub fn frames(&self) -> u64 {
+        self.frames
+    }
+
+    fn none(scenario: &Scenario) -> Self {
+        let par = parallelism(&scenario.agent);
+        Sums {
+            head: Head::default(),
+            moments: Moments::new(par),
+            window: Window::new(scenario.value.window),
+            marks: Vec::new(),
+            frames: 0,
+            end: 0,
+            residual: 0.0,
+        }
+    }
+
+    fn persist(&mut self, snapshot: &mut Snapshot, scenario: &Scenario) -> Result<(), SnapshotError> {
+        self.head.persist(snapshot)?;
+        snapshot.inner("moments", &mut self.moments)?;
+        snapshot.value("end", &mut self.end)?;
+        snapshot.number("residual", &mut self.residual)?;
+        let values = scenario.vision.values();
+        let mut seen = Observations::default();
+        if snapshot.is_restoring() {
+            seen.persist(snapshot, values)?;
+            self.window = take_window(scenario.value.window, &seen, snapshot)?;
+            let mut marks: Vec<SavedMark> = Vec::new();
+            snapshot.value("marks", &mut marks)?;
+            self.marks = marks.into_iter().map(|mark| seen.mark(mark)).collect::<Result<_, _>>()?;
+        } else {
+            put_window(&self.window, &mut seen, snapshot)?;
+            let mut marks: Vec<SavedMark> = self.marks.iter().map(|marked| seen.add_mark(marked)).collect();
+            snapshot.value("marks", &mut marks)?;
+            seen.persist(snapshot, values)?;
+        }
+        Ok(())
+    }
+}
+
+fn part(path: &Path, cause: &SnapshotError) -> ManyError {
+    ManyError::Part { path: path.to_owned(), cause: cause.to_string() }
+}
+
+/// Sums of chunks, added in pairs: two of the same number of chunks at a time, as they come.
+#[derive(Default)]
+struct Pairs(Vec<(u32, Moments)>);
+
+impl Pairs {
+    fn add(&mut self, mut moments: Moments) -> Result<(), ManyError> {
+        let mut level = 0;
+        while self.0.last().is_some_and(|last| last.0 == level) {
+            if let Some((_, before)) = self.0.pop() {
+                moments = sum(before, &moments)?;
+                level += 1;
+            }
+        }
+        self.0.push((level, moments));
+        Ok(())
+    }
+
+    /// All of them; the smaller ones first, which come last.
+    fn finish(mut self) -> Result<Option<Moments>, ManyError> {
+        let Some((_, mut all)) = self.0.pop() else { return Ok(None) };
+        while let Some((_, before)) = self.0.pop() {
+            all = sum(before, &all)?;
+        }
+        Ok(Some(all))
+    }
+}
+
+fn sum(mut a: Moments, b: &Moments) -> Result<Moments, ManyError> {
+    a.append(b)?;
+    Ok(a)
+}
+
+/// Sums over the frames of a log, in the coordinates of a dictionary.
+///
+/// # Errors
+/// None that a log that fits can meet.
+pub fn sums(task: &Task, log: &Log, dictionary: &Dictionary) -> Result<Sums, ManyError> {
+    let scenario = &task.scenario;
+    let mut all = Sums::none(scenario);
+    let (mut known, mut samples) = (dictionary.selection.clone().into_dictionary(), log.samples(task));
+    let mut transitions = Transitions::new(scenario.value.window);
+    let none = || -> Result<Moments, ManyError> {
+        let mut moments = Moments::new(parallelism(&scenario.agent));
+        moments.widen(dictionary.members().ncols())?;
+        Ok(moments)
+    };
+    let (mut pairs, mut chunk, mut in_chunk) = (Pairs::default(), none()?, 0);
+    let mut before: Option<Mat<f64>> = None;
+    loop {
+        let block = samples.next(AT_ONCE.min((CHUNK - in_chunk) as usize));
+        let Some(newest) = block.last() else { break };
+        all.end = newest.observation.frame + 2;
+        let x = columns(block.iter().map(|sample| sample.observation.as_ref()));
+        let judged = known.grow(x.as_ref(), |_, _| false).map_err(|cause| ManyError::NoModel(cause.to_string()))?;
+        let mut links: Vec<Option<Link>> = block.iter().map(|sample| sample.link).collect();
+        if before.is_none() {
+            links[0] = None;
+        }
+        let v = judged.coordinates.as_ref();
+        chunk.add_series(v, &links, before.as_ref().map(|of| of.as_ref()))?;
+        before = Some(v.subcols(v.ncols() - 1, 1).to_owned());
+        for (sample, &cell) in block.iter().zip(&judged.nearest) {
+            transitions.add(sample, Some(cell));
+        }
+        all.residual = judged.residuals.iter().fold(all.residual, |most, &residual| most.max(residual));
+        (all.frames, in_chunk) = (all.frames + block.len() as u64, in_chunk + block.len() as u64);
+        if in_chunk == CHUNK {
+            pairs.add(std::mem::replace(&mut chunk, none()?))?;
+            in_chunk = 0;
+        }
+    }
+    pairs.add(chunk)?;
+    all.moments = pairs.finish()?.unwrap_or(all.moments);
+    all.window = transitions.window;
+    all.marks = samples.tasks().marks.clone();
+    all.head = Head::of("sums", log, dictionary);
+    Ok(all)
+}
+
+/// The sums of several parts, each of one log: in the order of the logs' digests, in pairs. At most as many are held at a time as their number
+/// has binary digits.
+///
+/// # Errors
+/// Parts over another dictionary, or twice of one log; files that cannot be read.
+pub fn merge(task: &Task, dictionary: &Dictionary, parts: &[PathBuf]) -> Result<Sums, ManyError> {
+    let scenario = &task.scenario;
+    let head = |path: &Path| Ok(Sums::read(path, scenario)?.head);
+    let (mut all, mut pairs) = (Sums::none(scenario), Pairs::default());
+    for path in super::in_order(parts, head, ("sums", dictionary))? {
+        let part = Sums::read(path, scenario)?;
+        pairs.add(part.moments)?;
+        let mut seen: BTreeMap<u64, Arc<Observation>> = BTreeMap::new();
+        let mut behind = |of: &Arc<Observation>| {
+            let frame = all.end + of.frame;
+            let moved = || Arc::new(Observation { frame, pixels: of.pixels.clone() });
+            seen.entry(of.frame).or_insert_with(moved).clone()
+        };
+        for transition in part.window.snapshot() {
+            let (from, to) = (behind(&transition.from), behind(&transition.to));
+            all.window.push(Transition { from, to, ..transition });
+        }
+        all.marks
+            .extend(part.marks.iter().map(|mark| Marked { observation: behind(&mark.observation), ..mark.clone() }));
+        all.frames += part.frames;
+        all.end += part.end;
+        all.residual = all.residual.max(part.residual);
+    }
+    all.moments = pairs.finish()?.unwrap_or(all.moments);
+    Ok(all)
+}
