@@ -14,7 +14,7 @@ const PURE: &str = "kernel dictionary regression slow value";
 const BELOW_PURE: &str = "random snapshot";
 const CRATES_OF_PURE: &str = "faer pulp rand rand_chacha rand_distr libm thiserror serde serde_json rayon";
 /// What nothing in a folder imports.
-const APART: [(&str, &str); 7] = [
+const APART: [(&str, &str); 8] = [
     ("agent::runtime", "agent::actors"),
     ("agent::runtime", "agent::run"),
     // `agent/interleavings.rs` is compiled for tests only.
@@ -22,6 +22,7 @@ const APART: [(&str, &str); 7] = [
     ("agent::runtime", "world"),
     ("agent::run", "world"),
     ("replay", "world"),
+    ("learn", "world"),
     ("export", "world"),
 ];
 
