@@ -14,6 +14,7 @@ mod linear;
 mod links;
 mod local;
 mod lspi;
+mod many;
 mod recorded;
 mod state;
 mod threads;
@@ -39,6 +40,8 @@ mod _adagio {
     use crate::local::LocalValues;
     #[pymodule_export]
     use crate::lspi::{ActionWeights, lspi};
+    #[pymodule_export]
+    use crate::many::{learn, learn_part};
     #[pymodule_export]
     use crate::recorded::Recorded;
 

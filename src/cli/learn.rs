@@ -1,22 +1,21 @@
 //! `adagio learn LOG…`, and the work on single logs that it shares out: `adagio members`, `adagio moments`, `adagio merge`.
 
-use std::collections::VecDeque;
-use std::ffi::OsString;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Instant;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
 
 use serde::Serialize;
 
 use super::drive::write;
 use super::run::load;
+use super::workers::{lock, read_hosts, work_off};
 use super::{Ending, LearnArgs, MergeArgs, PartArgs, folder, print, print_json};
 use crate::agent::{CHECKPOINT_NAME, checkpoint_bytes, peak_resident_bytes, write_checkpoint};
 use crate::evaluate::{Evaluator, PoseDecode, TaskResult, decode_pose};
 use crate::learn::{
-    Candidates, Dictionary, Job, LeftOut, Log, ManyError, Recordings, Sums, Task, first_dictionary, merge, model, union,
+    Candidates, Dictionary, Job, LeftOut, Log, ManyError, Recordings, Setting, Sums, first_dictionary, merge, model,
+    union,
 };
 use crate::random::fix_parallelism;
 use crate::replay::Recording;
@@ -24,8 +23,6 @@ use crate::report::{self, Numbered, Program, RunInfo, tasks_table};
 use crate::scenario::Scenario;
 use crate::world::World;
 
-/// How often a part is tried.
-const TRIES: usize = 3;
 /// How often logs are asked for what the dictionary lacks.
 const ROUNDS: usize = 6;
 /// Where parts are, in the folder of the result.
@@ -35,7 +32,7 @@ const REPORT: &str = "report.json";
 
 /// `report.json` of what was learned from many logs: keys as in that of a run, and `learned_from`.
 #[derive(Serialize)]
-struct Report {
+pub struct Report {
     adagio: Program,
     scenario: RunInfo,
     learned_from: LearnedFrom,
@@ -47,7 +44,7 @@ struct Report {
     digest: String,
 }
 
-#[derive(Serialize)]
+#[derive(Default, Serialize)]
 struct LearnedFrom {
     logs: Vec<PathBuf>,
     left_out: Vec<String>,
@@ -59,96 +56,167 @@ struct LearnedFrom {
     settled: bool,
     /// The largest share of a frame that the dictionary lacks, 0 to 1.
     largest_residual: f64,
-    workers: usize,
     seconds: f64,
 }
 
+/// What is to be learned from.
+pub struct Order<'a> {
+    /// Run folders or log files.
+    pub logs: &'a [PathBuf],
+    /// Scenario file; without, that of the first log.
+    pub scenario: Option<&'a Path>,
+    /// Keys that are changed, `KEY=VALUE`.
+    pub set: &'a [String],
+    /// Folder of the result; without, a new one.
+    pub out: Option<&'a Path>,
+    /// Whether policies are tried in the scenario's simulated world.
+    pub evaluate: bool,
+    /// No progress on stderr.
+    pub quiet: bool,
+}
+
+/// Work on one log: what `adagio members` or `adagio moments` does, with absolute paths.
+pub struct Work {
+    /// `members` or `moments`.
+    pub verb: &'static str,
+    /// The log.
+    pub log: PathBuf,
+    /// The complete scenario.
+    pub scenario: PathBuf,
+    /// The dictionary.
+    pub dictionary: PathBuf,
+    /// The part to be made.
+    pub out: PathBuf,
+}
+
+/// Has work done, wherever, in any order; and calls the function after each. Why it was not.
+pub type Engine<'a> = dyn Fn(&[Work], &(dyn Fn() + Sync)) -> Result<(), String> + 'a;
+
 /// One model from many logs.
 pub fn learn(args: &LearnArgs, stop: &AtomicBool) -> Result<(), Ending> {
-    let begin = Instant::now();
-    fix_parallelism();
-    let hosts = args.hosts.as_deref().map(read_hosts).transpose()?;
-    let scenario = match &args.scenario {
-        Some(file) => load(file, &args.set)?,
-        None => Recording::open(&args.logs[0])?.scenario(&args.set).map_err(Ending::usage)?,
+    let workers = match &args.hosts {
+        Some(file) => read_hosts(file)?,
+        None => vec![None; args.workers.get().into()],
     };
-    let world = Arc::new(World::new(&scenario)?);
-    let task = Task { scenario: Arc::new(scenario), plan: world.plan.clone() };
-    let tell = |what: &str, done: usize, of: usize| {
-        if !args.quiet {
-            eprintln!("{what}: {done} of {of} logs, {:.0} s", begin.elapsed().as_secs_f64());
-        }
+    let order = Order {
+        logs: &args.logs,
+        scenario: args.scenario.as_deref(),
+        set: &args.set,
+        out: args.out.as_deref(),
+        evaluate: !args.no_evaluate,
+        quiet: args.quiet,
     };
-    let looked = Recordings::open(&args.logs, &task.scenario, &|done| tell("looked at", done, args.logs.len()));
-    let Recordings { logs, left_out } = looked.map_err(ending)?;
-    left_out.iter().for_each(|log| eprintln!("warning: {log}: it is left out"));
-    let first = first_dictionary(&task, &logs).map_err(ending)?;
-    let out = begin_folder(args.out.as_deref(), &task.scenario)?;
-    let pool = Pool {
-        task: &task,
-        logs: &logs,
-        out: &out,
-        workers: hosts.unwrap_or_else(|| vec![None; args.workers.get().into()]),
-        stop,
-        tell: &tell,
-    };
-    let made = (|| {
-        let (mut dictionary, mut rounds, mut settled) = (first, 0, false);
-        while !settled && rounds < ROUNDS {
-            let path = out.join(PARTS).join(format!("dictionary-{rounds}.safetensors"));
-            dictionary.write(&path, &task.scenario).map_err(ending)?;
-            rounds += 1;
-            let parts = pool.run(&Job::Members, rounds, &path, &dictionary)?;
-            let (next, more) = union(&task, &dictionary, &parts).map_err(ending)?;
-            (dictionary, settled) = (next, !more);
-        }
-        let path = out.join(PARTS).join("dictionary.safetensors");
-        dictionary.write(&path, &task.scenario).map_err(ending)?;
-        let parts = pool.run(&Job::Sums, 0, &path, &dictionary)?;
-        let sums = merge(&task, &dictionary, &parts).map_err(ending)?;
-        Ok::<_, Ending>((dictionary, sums, rounds, settled))
-    })();
-    let (dictionary, sums, rounds, settled) = made.map_err(|error| go_on(error, &out))?;
-    let from = LearnedFrom {
-        logs: logs.iter().map(|log| log.path.clone()).collect(),
-        left_out: left_out.iter().map(LeftOut::to_string).collect(),
-        frames: 0,
-        transitions: 0,
-        rounds,
-        settled,
-        largest_residual: sums.residual,
-        workers: pool.workers.len(),
-        seconds: 0.0,
-    };
-    let said = finish(&task, &world, (&dictionary, sums), &out, from, (args.no_evaluate, args.quiet, begin))?;
+    let (said, out) = learn_with(&order, &|work, done| work_off(&workers, work, done, stop))?;
     match args.json {
         true => print_json(&said)?,
         false => print(&format!("{}kept in {}\n", text(&said), out.display()))?,
     }
-    match left_out.is_empty() {
-        true => Ok(()),
-        false => Err(Ending::DataLoss(format!("{} of {} logs were left out", left_out.len(), args.logs.len()))),
+    match said.learned_from.left_out.len() {
+        0 => Ok(()),
+        left => Err(Ending::DataLoss(format!("{left} of {} logs were left out", args.logs.len()))),
+    }
+}
+
+/// One model from many logs, by any engine: its report, and its folder.
+///
+/// # Errors
+/// Logs that do not fit, an engine that gave up, sums that cannot be solved.
+pub fn learn_with(order: &Order<'_>, engine: &Engine<'_>) -> Result<(Report, PathBuf), Ending> {
+    let begin = Instant::now();
+    fix_parallelism();
+    let scenario = match (order.scenario, order.logs.first()) {
+        (Some(file), _) => load(file, order.set)?,
+        (None, Some(log)) => Recording::open(log)?.scenario(order.set).map_err(Ending::usage)?,
+        (None, None) => return Err(Ending::Usage("there is no log to learn from".into())),
+    };
+    let world = Arc::new(World::new(&scenario)?);
+    let setting = Setting { scenario: Arc::new(scenario), plan: world.plan.clone() };
+    let progress = Progress { quiet: order.quiet, begin, last: Mutex::new((String::new(), begin, begin)) };
+    let tell = |done: usize| progress.tell("looked at", done, order.logs.len());
+    let Recordings { logs, left_out } = Recordings::open(order.logs, &setting.scenario, &tell).map_err(ending)?;
+    left_out.iter().for_each(|log| eprintln!("warning: {log}: it is left out"));
+    let first = first_dictionary(&setting, &logs).map_err(ending)?;
+    let out = begin_folder(order.out, &setting.scenario)?;
+    let all = All { setting: &setting, logs: &logs, out: &std::path::absolute(&out)?, engine, progress: &progress };
+    let (dictionary, sums, rounds, settled) = all.passes(first).map_err(|error| go_on(error, &out))?;
+    let from = LearnedFrom {
+        logs: logs.iter().map(|log| log.path.clone()).collect(),
+        left_out: left_out.iter().map(LeftOut::to_string).collect(),
+        rounds,
+        settled,
+        ..LearnedFrom::default()
+    };
+    let said = finish(&setting, &world, (&dictionary, sums), &out, from, (order.evaluate, order.quiet, begin))?;
+    Ok((said, out))
+}
+
+/// The passes over all logs.
+struct All<'a> {
+    setting: &'a Setting,
+    logs: &'a [Log],
+    /// Where parts go.
+    out: &'a Path,
+    engine: &'a Engine<'a>,
+    progress: &'a Progress,
+}
+
+impl All<'_> {
+    /// From the rule of a dictionary to the sums over it; how often the logs were asked for what it lacks, and whether that was all.
+    fn passes(&self, first: Dictionary) -> Result<(Dictionary, Sums, usize, bool), Ending> {
+        let parts = self.out.join(PARTS);
+        std::fs::create_dir_all(&parts)
+            .map_err(|cause| format!("cannot create the folder {}: {cause}", parts.display()))?;
+        let (mut dictionary, mut rounds, mut settled) = (first, 0, false);
+        while !settled && rounds < ROUNDS {
+            let path = parts.join(format!("dictionary-{rounds}.safetensors"));
+            dictionary.write(&path, &self.setting.scenario).map_err(ending)?;
+            rounds += 1;
+            let candidates = self.parts(&Job::Members, &format!("members-{rounds}"), (&path, &dictionary))?;
+            let (next, more) = union(self.setting, &dictionary, &candidates).map_err(ending)?;
+            (dictionary, settled) = (next, !more);
+        }
+        let path = parts.join("dictionary.safetensors");
+        dictionary.write(&path, &self.setting.scenario).map_err(ending)?;
+        let sums = self.parts(&Job::Sums, "moments", (&path, &dictionary))?;
+        let sums = merge(self.setting, &dictionary, &sums).map_err(ending)?;
+        Ok((dictionary, sums, rounds, settled))
+    }
+
+    /// The parts of all logs; those that are there already are not made again.
+    fn parts(&self, job: &Job, name: &str, (path, of): (&Path, &Dictionary)) -> Result<Vec<PathBuf>, Ending> {
+        let part = |log: &Log| self.out.join(PARTS).join(format!("{}.{name}.safetensors", &log.digest[..16]));
+        let parts: Vec<PathBuf> = self.logs.iter().map(part).collect();
+        let todo = self.logs.iter().zip(&parts).filter(|(log, part)| !job.is_done(self.setting, log, of, part));
+        let work = todo.map(|(log, part)| {
+            let (log, scenario) = (std::path::absolute(&log.path)?, self.out.join(SCENARIO));
+            Ok(Work { verb: job.verb(), log, scenario, dictionary: path.to_owned(), out: part.clone() })
+        });
+        let work: Vec<Work> = work.collect::<std::io::Result<_>>()?;
+        let done = AtomicUsize::new(parts.len() - work.len());
+        let tell = || self.progress.tell(name, done.fetch_add(1, Ordering::Relaxed) + 1, parts.len());
+        (self.engine)(&work, &tell)?;
+        Ok(parts)
     }
 }
 
 /// Solve, fit, try it out, and keep it.
 fn finish(
-    task: &Task,
+    setting: &Setting,
     world: &Arc<World>,
     (dictionary, sums): (&Dictionary, Sums),
     out: &Path,
     from: LearnedFrom,
-    (no_evaluate, quiet, begin): (bool, bool, Instant),
+    (evaluate, quiet, begin): (bool, bool, Instant),
 ) -> Result<Report, Ending> {
-    let scenario = &task.scenario;
-    let frames = sums.frames();
-    let made = model(task, dictionary, sums).map_err(ending)?;
+    let scenario = &setting.scenario;
+    let (frames, largest_residual) = (sums.frames(), sums.residual);
+    let made = model(setting, dictionary, sums).map_err(ending)?;
     made.notes.iter().for_each(|note| eprintln!("warning: {note}"));
     let learned = made.learned;
     write_checkpoint(&out.join(CHECKPOINT_NAME), &checkpoint_bytes(&learned, scenario)?)?;
     let seconds = begin.elapsed().as_secs_f64();
     let (mut tasks, mut pose_decode) = (Vec::new(), None);
-    if !no_evaluate {
+    if evaluate {
         if !quiet {
             eprintln!("evaluating {} starts per task, with and without reflexes", scenario.evaluate.starts);
         }
@@ -161,7 +229,7 @@ fn finish(
     let said = Report {
         adagio: Program::this(),
         scenario: RunInfo { name: scenario.name.clone(), seed: scenario.seed, sha256: scenario.sha256() },
-        learned_from: LearnedFrom { frames, transitions: made.transitions, seconds, ..from },
+        learned_from: LearnedFrom { frames, largest_residual, transitions: made.transitions, seconds, ..from },
         dictionary: report::Dictionary {
             support_vectors: dictionary.members().ncols(),
             sigma: dictionary.sigma,
@@ -231,149 +299,54 @@ fn begin_folder(out: Option<&Path>, scenario: &Scenario) -> Result<PathBuf, Endi
     }
     let out = folder::create(out, scenario)?;
     write(&out, SCENARIO, scenario.text.as_bytes())?;
-    let parts = out.join(PARTS);
-    std::fs::create_dir(&parts).map_err(|cause| format!("cannot create the folder {}: {cause}", parts.display()))?;
     Ok(out)
 }
 
-/// A host in each line, for one worker.
-fn read_hosts(file: &Path) -> Result<Vec<Option<String>>, Ending> {
-    let text = std::fs::read_to_string(file)
-        .map_err(|cause| Ending::Usage(format!("cannot read the hosts {}: {cause}", file.display())))?;
-    let hosts: Vec<Option<String>> = text
-        .lines()
-        .map(str::trim)
-        .filter(|line| !line.is_empty() && !line.starts_with('#'))
-        .map(|line| Some(line.to_owned()))
-        .collect();
-    match hosts.iter().flatten().find(|host| host.starts_with('-') || host.contains(char::is_whitespace)) {
-        Some(host) => Err(Ending::Usage(format!("{}: {host:?} is no host: there is one in each line", file.display()))),
-        None if hosts.is_empty() => Err(Ending::Usage(format!("{} names no host", file.display()))),
-        None => Ok(hosts),
-    }
+/// Says how far it is, about every second and at the end of each stage.
+struct Progress {
+    quiet: bool,
+    begin: Instant,
+    /// The stage, when it began, and when something was said last.
+    last: Mutex<(String, Instant, Instant)>,
 }
 
-/// Processes that each work on one log at a time.
-struct Pool<'a> {
-    task: &'a Task,
-    logs: &'a [Log],
-    out: &'a Path,
-    /// One each: on this machine, or on a host.
-    workers: Vec<Option<String>>,
-    stop: &'a AtomicBool,
-    tell: &'a (dyn Fn(&str, usize, usize) + Sync),
-}
+impl Progress {
+    const EVERY: Duration = Duration::from_secs(1);
 
-impl Pool<'_> {
-    /// The parts of all logs; those that are there already are not made again.
-    fn run(&self, job: &Job, round: usize, dictionary: &Path, of: &Dictionary) -> Result<Vec<PathBuf>, Ending> {
-        let (verb, name) = match job {
-            Job::Members => ("members", format!("members-{round}")),
-            Job::Sums => ("moments", "moments".to_owned()),
-        };
-        let parts: Vec<PathBuf> = self
-            .logs
-            .iter()
-            .map(|log| self.out.join(PARTS).join(format!("{}.{name}.safetensors", &log.digest[..16])))
-            .collect();
-        let todo = (0..parts.len()).filter(|&k| !job.is_done(self.task, &self.logs[k], of, &parts[k]));
-        let todo: Mutex<VecDeque<(usize, usize)>> = Mutex::new(todo.map(|k| (k, 0)).collect());
-        let left = lock(&todo).len();
-        let (done, failed) = (Mutex::new(parts.len() - left), Mutex::new(None::<String>));
-        std::thread::scope(|scope| {
-            for host in &self.workers {
-                scope.spawn(|| {
-                    while !self.stop.load(Ordering::Relaxed) && lock(&failed).is_none() {
-                        let Some((k, tries)) = lock(&todo).pop_front() else { break };
-                        match self.work(verb, host.as_deref(), &self.logs[k], dictionary, &parts[k]) {
-                            Ok(()) => {
-                                let mut done = lock(&done);
-                                *done += 1;
-                                (self.tell)(verb, *done, parts.len());
-                            }
-                            Err(_) if self.stop.load(Ordering::Relaxed) => {}
-                            Err(text) if tries + 1 < TRIES => {
-                                eprintln!("warning: {}: {text}: once more", self.logs[k].path.display());
-                                lock(&todo).push_back((k, tries + 1));
-                            }
-                            Err(text) => *lock(&failed) = Some(format!("{}: {text}", self.logs[k].path.display())),
-                        }
-                    }
-                });
-            }
-        });
-        if let Some(text) = lock(&failed).take() {
-            return Err(Ending::Failed(text));
+    fn tell(&self, stage: &str, done: usize, of: usize) {
+        let (mut last, now) = (lock(&self.last), Instant::now());
+        if last.0 != stage {
+            *last = (stage.to_owned(), now, last.2);
         }
-        match self.stop.load(Ordering::Relaxed) {
-            true => Err(Ending::Failed("it was interrupted".into())),
-            false => Ok(parts),
+        if self.quiet || done < of && now - last.2 < Self::EVERY {
+            return;
         }
+        last.2 = now;
+        let left = (now - last.1).as_secs_f64() / done as f64 * (of - done) as f64;
+        let left = if done < of && left > 1.0 { format!(", about {left:.0} s left with them") } else { String::new() };
+        eprintln!("{:.0} s, {stage}: {done} of {of} logs{left}", self.begin.elapsed().as_secs_f64());
     }
-
-    /// One part, by a process of its own.
-    fn work(&self, verb: &str, host: Option<&str>, log: &Log, dictionary: &Path, part: &Path) -> Result<(), String> {
-        let scenario = self.out.join(SCENARIO);
-        let program = std::env::current_exe().map_err(|error| error.to_string())?;
-        let of = |path: &Path| std::path::absolute(path).map_err(|error| error.to_string()).map(OsString::from);
-        let words = [
-            program.into_os_string(),
-            verb.into(),
-            of(&log.path)?,
-            "--scenario".into(),
-            of(&scenario)?,
-            "--dictionary".into(),
-            of(dictionary)?,
-            "--out".into(),
-            of(part)?,
-        ];
-        let mut command = match host {
-            None => {
-                let mut command = Command::new(&words[0]);
-                command.args(&words[1..]);
-                command
-            }
-            Some(host) => {
-                let quoted = words.iter().map(|word| format!("'{}'", word.to_string_lossy().replace('\'', "'\\''")));
-                let mut command = Command::new("ssh");
-                command.args(["-o", "BatchMode=yes", host, &quoted.collect::<Vec<String>>().join(" ")]);
-                command
-            }
-        };
-        let output = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).output();
-        let output = output.map_err(|error| format!("a worker cannot be started: {error}"))?;
-        if output.status.success() {
-            return Ok(());
-        }
-        let said = String::from_utf8_lossy(&output.stderr);
-        let host = host.map_or(String::new(), |host| format!(" on {host}"));
-        Err(format!("a worker{host} ended with {}: {}", output.status, said.trim()))
-    }
-}
-
-fn lock<T>(of: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
-    of.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// One part: candidates for support vectors, or sums.
 pub fn part(args: &PartArgs, job: &Job) -> Result<(), Ending> {
     fix_parallelism();
-    let (task, _) = task(&args.scenario)?;
-    let dictionary = dictionary(&task, args.dictionary.as_deref())?;
-    job.run(&task, &args.log, &dictionary, &args.out).map_err(ending)
+    let (setting, _) = scenario(&args.scenario)?;
+    let dictionary = dictionary(&setting, args.dictionary.as_deref())?;
+    job.run(&setting, &args.log, &dictionary, &args.out).map_err(ending)
 }
 
-fn task(file: &Path) -> Result<(Task, Arc<World>), Ending> {
+fn scenario(file: &Path) -> Result<(Setting, Arc<World>), Ending> {
     let scenario = Arc::new(load(file, &[])?);
     let world = Arc::new(World::new(&scenario)?);
-    Ok((Task { scenario, plan: world.plan.clone() }, world))
+    Ok((Setting { scenario, plan: world.plan.clone() }, world))
 }
 
 /// What stands in a file, or the rule before there are any support vectors.
-fn dictionary(task: &Task, file: Option<&Path>) -> Result<Dictionary, Ending> {
+fn dictionary(setting: &Setting, file: Option<&Path>) -> Result<Dictionary, Ending> {
     match file {
-        Some(file) => Dictionary::read(file, &task.scenario),
-        None => first_dictionary(task, &[]),
+        Some(file) => Dictionary::read(file, &setting.scenario),
+        None => first_dictionary(setting, &[]),
     }
     .map_err(ending)
 }
@@ -382,11 +355,11 @@ fn dictionary(task: &Task, file: Option<&Path>) -> Result<Dictionary, Ending> {
 pub fn merge_parts(args: &MergeArgs) -> Result<(), Ending> {
     let begin = Instant::now();
     fix_parallelism();
-    let (task, world) = task(&args.scenario)?;
-    let before = dictionary(&task, args.dictionary.as_deref())?;
-    if Candidates::read(&args.parts[0], &task.scenario).is_ok() {
-        let (after, more) = union(&task, &before, &args.parts).map_err(ending)?;
-        after.write(&args.out, &task.scenario).map_err(ending)?;
+    let (setting, world) = scenario(&args.scenario)?;
+    let before = dictionary(&setting, args.dictionary.as_deref())?;
+    if Candidates::read(&args.parts[0], &setting.scenario).is_ok() {
+        let (after, more) = union(&setting, &before, &args.parts).map_err(ending)?;
+        after.write(&args.out, &setting.scenario).map_err(ending)?;
         let support_vectors = after.members().ncols();
         let said = if more { "parts had more than the dictionary" } else { "no part had more than the dictionary" };
         return match args.json {
@@ -394,20 +367,10 @@ pub fn merge_parts(args: &MergeArgs) -> Result<(), Ending> {
             false => print(&format!("{support_vectors} support vectors: {said}\n")),
         };
     }
-    let sums = merge(&task, &before, &args.parts).map_err(ending)?;
-    let out = folder::create(Some(&args.out), &task.scenario)?;
-    write(&out, SCENARIO, task.scenario.text.as_bytes())?;
-    let from = LearnedFrom {
-        logs: args.parts.clone(),
-        left_out: Vec::new(),
-        frames: 0,
-        transitions: 0,
-        rounds: 0,
-        settled: true,
-        largest_residual: sums.residual,
-        workers: 0,
-        seconds: 0.0,
-    };
-    let said = finish(&task, &world, (&before, sums), &out, from, (args.no_evaluate, args.quiet, begin))?;
+    let sums = merge(&setting, &before, &args.parts).map_err(ending)?;
+    let out = folder::create(Some(&args.out), &setting.scenario)?;
+    write(&out, SCENARIO, setting.scenario.text.as_bytes())?;
+    let from = LearnedFrom { logs: args.parts.clone(), settled: true, ..LearnedFrom::default() };
+    let said = finish(&setting, &world, (&before, sums), &out, from, (!args.no_evaluate, args.quiet, begin))?;
     if args.json { print_json(&said) } else { print(&format!("{}kept in {}\n", text(&said), out.display())) }
 }

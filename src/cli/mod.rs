@@ -13,7 +13,7 @@ mod folder;
 mod forecast;
 mod import;
 mod info;
-mod learn;
+pub mod learn;
 pub mod program;
 mod progress;
 mod recover;
@@ -26,6 +26,7 @@ mod run;
 mod soak;
 mod steps;
 mod watch;
+mod workers;
 
 use std::io::{ErrorKind, Write};
 use std::net::SocketAddr;

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use faer::{Mat, MatRef};
 use sha2::{Digest, Sha256};
 
-use super::{Head, Log, ManyError, Task, read_part, write_part};
+use super::{Head, Job, Log, ManyError, Setting, read_part, write_part};
 use crate::agent::steps::parallelism;
 use crate::dictionary::{Ald, DictionaryError, Parameters, Selection, width_for_share};
 use crate::kernel::Kernel;
@@ -95,8 +95,8 @@ fn no_dictionary(cause: DictionaryError) -> ManyError {
 ///
 /// # Errors
 /// A scenario that selects at random; first frames that are all alike.
-pub fn first_dictionary(task: &Task, logs: &[Log]) -> Result<Dictionary, ManyError> {
-    let settings = &task.scenario.dictionary;
+pub fn first_dictionary(setting: &Setting, logs: &[Log]) -> Result<Dictionary, ManyError> {
+    let settings = &setting.scenario.dictionary;
     if settings.selection != SelectionRule::Ald {
         return Err(ManyError::Together(
             "dictionary.selection must be \"ald\" here: of many logs, random selections are no random selection".into(),
@@ -111,14 +111,14 @@ pub fn first_dictionary(task: &Task, logs: &[Log]) -> Result<Dictionary, ManyErr
         }
         None => {
             let of_each = settings.sigma_frames.div_ceil(logs.len());
-            let samples: Vec<_> = logs.iter().flat_map(|log| log.samples(task).next(of_each)).collect();
+            let samples: Vec<_> = logs.iter().flat_map(|log| log.samples(setting).next(of_each)).collect();
             let first = columns(samples.iter().map(|sample| sample.observation.as_ref()));
             let kernel = |sigma| Kernel::radial(sigma, settings.exponent);
-            let par = parallelism(&task.scenario.agent);
+            let par = parallelism(&setting.scenario.agent);
             width_for_share(first.as_ref(), settings.nu, settings.sigma_share, kernel, par).map_err(no_dictionary)?
         }
     };
-    Dictionary::new(&task.scenario, sigma)
+    Dictionary::new(&setting.scenario, sigma)
 }
 
 /// What a log has that a dictionary lacks.
@@ -161,9 +161,9 @@ impl Candidates {
 ///
 /// # Errors
 /// None that a log that fits can meet.
-pub fn candidates(task: &Task, log: &Log, dictionary: &Dictionary) -> Result<Candidates, ManyError> {
+pub fn candidates(setting: &Setting, log: &Log, dictionary: &Dictionary) -> Result<Candidates, ManyError> {
     let (mut beside, mut samples, block) =
-        (dictionary.clone(), log.samples(task), task.scenario.dictionary.block_frames);
+        (dictionary.clone(), log.samples(setting), setting.scenario.dictionary.block_frames);
     let known = beside.selection.dictionary().serials().last().map_or(0, |last| last + 1);
     let mut frames = 0;
     loop {
@@ -177,7 +177,7 @@ pub fn candidates(task: &Task, log: &Log, dictionary: &Dictionary) -> Result<Can
     let of = beside.selection.dictionary();
     let new: Vec<usize> = (0..of.len()).filter(|&place| of.serials()[place] >= known).collect();
     let members = Mat::from_fn(of.members().nrows(), new.len(), |i, j| of.members()[(i, new[j])]);
-    Ok(Candidates { head: Head::of("members", log, dictionary), members, frames })
+    Ok(Candidates { head: Head::of(Job::Members.verb(), log, dictionary), members, frames })
 }
 
 /// A dictionary and what logs have that it lacks, thinned by the same rule, in the order of the logs' digests; and whether that is more.
@@ -185,12 +185,12 @@ pub fn candidates(task: &Task, log: &Log, dictionary: &Dictionary) -> Result<Can
 ///
 /// # Errors
 /// Candidates beside another dictionary, or twice of one log; files that cannot be read.
-pub fn union(task: &Task, dictionary: &Dictionary, parts: &[PathBuf]) -> Result<(Dictionary, bool), ManyError> {
-    let head = |path: &Path| Ok(Candidates::read(path, &task.scenario)?.head);
+pub fn union(setting: &Setting, dictionary: &Dictionary, parts: &[PathBuf]) -> Result<(Dictionary, bool), ManyError> {
+    let head = |path: &Path| Ok(Candidates::read(path, &setting.scenario)?.head);
     let mut all = dictionary.clone();
-    for path in super::in_order(parts, head, ("members", dictionary))? {
-        let candidates = Candidates::read(path, &task.scenario)?;
-        all.take(candidates.members.as_ref(), task.scenario.dictionary.block_frames)?;
+    for path in super::in_order(parts, head, (&Job::Members, dictionary))? {
+        let candidates = Candidates::read(path, &setting.scenario)?;
+        all.take(candidates.members.as_ref(), setting.scenario.dictionary.block_frames)?;
     }
     let more = all.digest() != dictionary.digest();
     Ok((all, more))

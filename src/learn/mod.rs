@@ -76,10 +76,10 @@ fn list(logs: &[LeftOut]) -> String {
     logs.iter().map(|log| format!("  {log}")).collect::<Vec<String>>().join("\n")
 }
 
-/// What learning from many logs is for: a scenario, and its floor plan.
+/// What is learned for: a scenario, and its floor plan.
 #[derive(Debug, Clone)]
-pub struct Task {
-    /// Settings of dictionary, features and values, and the tasks.
+pub struct Setting {
+    /// Setting of dictionary, features and values, and the tasks.
     pub scenario: Arc<Scenario>,
     /// Where rewards near walls are.
     pub plan: Arc<Plan>,
@@ -95,26 +95,39 @@ pub enum Job {
 }
 
 impl Job {
+    /// The command that does it.
+    pub fn verb(&self) -> &'static str {
+        match self {
+            Job::Members => "members",
+            Job::Sums => "moments",
+        }
+    }
+
+    /// The job of a command.
+    pub fn of_verb(verb: &str) -> Option<Self> {
+        [Job::Members, Job::Sums].into_iter().find(|job| job.verb() == verb)
+    }
+
     /// Do it, unless the part is there already.
     ///
     /// # Errors
     /// A log that cannot be read any more, a part that cannot be written.
-    pub fn run(&self, task: &Task, log: &Path, dictionary: &Dictionary, out: &Path) -> Result<(), ManyError> {
-        let log = Log::open(log, &task.scenario)?;
-        if self.is_done(task, &log, dictionary, out) {
+    pub fn run(&self, setting: &Setting, log: &Path, dictionary: &Dictionary, out: &Path) -> Result<(), ManyError> {
+        let log = Log::open(log, &setting.scenario)?;
+        if self.is_done(setting, &log, dictionary, out) {
             return Ok(());
         }
         match self {
-            Job::Members => candidates(task, &log, dictionary)?.write(out, &task.scenario),
-            Job::Sums => sums(task, &log, dictionary)?.write(out, &task.scenario),
+            Job::Members => candidates(setting, &log, dictionary)?.write(out, &setting.scenario),
+            Job::Sums => sums(setting, &log, dictionary)?.write(out, &setting.scenario),
         }
     }
 
     /// Whether a part is there, whole and of this work.
-    pub fn is_done(&self, task: &Task, log: &Log, dictionary: &Dictionary, out: &Path) -> bool {
-        let kind = if *self == Job::Members { "members" } else { "sums" };
-        let head = Head::of(kind, log, dictionary);
-        read_part(out, &task.scenario).is_ok_and(|mut part| Head::take(&mut part.snapshot).is_ok_and(|of| of == head))
+    pub fn is_done(&self, setting: &Setting, log: &Log, dictionary: &Dictionary, out: &Path) -> bool {
+        let head = Head::of(self.verb(), log, dictionary);
+        read_part(out, &setting.scenario)
+            .is_ok_and(|mut part| Head::take(&mut part.snapshot).is_ok_and(|of| of == head))
     }
 }
 
@@ -150,7 +163,7 @@ impl Head {
 fn in_order<'a>(
     paths: &'a [PathBuf],
     head: impl Fn(&Path) -> Result<Head, ManyError>,
-    (kind, dictionary): (&str, &Dictionary),
+    (job, dictionary): (&Job, &Dictionary),
 ) -> Result<Vec<&'a Path>, ManyError> {
     let parts: Result<Vec<(Head, &Path)>, ManyError> = paths.iter().map(|path| Ok((head(path)?, &**path))).collect();
     let mut parts = parts?;
@@ -158,8 +171,8 @@ fn in_order<'a>(
     let digest = dictionary.digest();
     for (head, path) in &parts {
         let refuse = |cause: String| Err(ManyError::Part { path: path.to_path_buf(), cause });
-        if head.kind != kind {
-            return refuse(format!("it holds {}, not {kind}", head.kind));
+        if head.kind != job.verb() {
+            return refuse(format!("it holds {}, not {}", head.kind, job.verb()));
         }
         if head.dictionary != digest {
             return refuse(format!("it is over dictionary {:.8}, not over {digest:.8}", head.dictionary));

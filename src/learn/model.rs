@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::{Dictionary, ManyError, Sums, Task};
+use super::{Dictionary, ManyError, Setting, Sums};
 use crate::agent::steps::{FitPolicies, Solve, SolveRequest, Tasks, parallelism};
 use crate::policy;
 use crate::source::{Mark, MarkKind};
@@ -21,10 +21,10 @@ pub struct Learned {
 ///
 /// # Errors
 /// Sums that span no direction, values that cannot be fitted.
-pub fn model(task: &Task, dictionary: &Dictionary, sums: Sums) -> Result<Learned, ManyError> {
-    let scenario = &task.scenario;
+pub fn model(setting: &Setting, dictionary: &Dictionary, sums: Sums) -> Result<Learned, ManyError> {
+    let scenario = &setting.scenario;
     let par = parallelism(&scenario.agent);
-    let mut tasks = Tasks::new(scenario, task.plan.clone());
+    let mut tasks = Tasks::new(scenario, setting.plan.clone());
     for marked in &sums.marks {
         let place = marked.place.unwrap_or([f64::NAN; 2]).into();
         tasks.mark(&[Mark { task: marked.task, kind: MarkKind::Here }], &marked.observation, place);

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use sha2::{Digest, Sha256};
 
-use super::{ManyError, Task};
+use super::{ManyError, Setting};
 use crate::agent::steps::{ModelTiming, Perceive, Sample, Tasks};
 use crate::replay::Recording;
 use crate::scenario::{Scenario, hex};
@@ -62,8 +62,8 @@ impl Log {
     }
 
     /// Its frames, as a run would see them.
-    pub fn samples(&self, task: &Task) -> Samples {
-        let (scenario, plan) = (task.scenario.clone(), task.plan.clone());
+    pub fn samples(&self, setting: &Setting) -> Samples {
+        let (scenario, plan) = (setting.scenario.clone(), setting.plan.clone());
         let timing = Arc::new(ModelTiming::new(&scenario.agent, None));
         let recorded = Recorded::new(scenario.clone(), crate::log::FilesReader::new(self.files.clone()));
         Samples { recorded, perceive: Perceive::new(scenario, plan, timing) }

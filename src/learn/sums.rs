@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use faer::Mat;
 
-use super::{Dictionary, Head, Log, ManyError, Task, read_part, write_part};
+use super::{Dictionary, Head, Job, Log, ManyError, Setting, read_part, write_part};
 use crate::agent::steps::{
     Marked, Observations, PlaceWindow, SavedMark, Transitions, parallelism, put_window, take_window,
 };
@@ -144,10 +144,10 @@ fn sum(mut a: Moments, b: &Moments) -> Result<Moments, ManyError> {
 ///
 /// # Errors
 /// None that a log that fits can meet.
-pub fn sums(task: &Task, log: &Log, dictionary: &Dictionary) -> Result<Sums, ManyError> {
-    let scenario = &task.scenario;
+pub fn sums(setting: &Setting, log: &Log, dictionary: &Dictionary) -> Result<Sums, ManyError> {
+    let scenario = &setting.scenario;
     let mut all = Sums::none(scenario);
-    let (mut known, mut samples) = (dictionary.selection.clone().into_dictionary(), log.samples(task));
+    let (mut known, mut samples) = (dictionary.selection.clone().into_dictionary(), log.samples(setting));
     let mut transitions = Transitions::new(scenario.value.window);
     let none = || -> Result<Moments, ManyError> {
         let mut moments = Moments::new(parallelism(&scenario.agent));
@@ -183,7 +183,7 @@ pub fn sums(task: &Task, log: &Log, dictionary: &Dictionary) -> Result<Sums, Man
     all.moments = pairs.finish()?.unwrap_or(all.moments);
     all.window = transitions.window;
     all.marks = samples.tasks().marks.clone();
-    all.head = Head::of("sums", log, dictionary);
+    all.head = Head::of(Job::Sums.verb(), log, dictionary);
     Ok(all)
 }
 
@@ -192,11 +192,11 @@ pub fn sums(task: &Task, log: &Log, dictionary: &Dictionary) -> Result<Sums, Man
 ///
 /// # Errors
 /// Parts over another dictionary, or twice of one log; files that cannot be read.
-pub fn merge(task: &Task, dictionary: &Dictionary, parts: &[PathBuf]) -> Result<Sums, ManyError> {
-    let scenario = &task.scenario;
+pub fn merge(setting: &Setting, dictionary: &Dictionary, parts: &[PathBuf]) -> Result<Sums, ManyError> {
+    let scenario = &setting.scenario;
     let head = |path: &Path| Ok(Sums::read(path, scenario)?.head);
     let (mut all, mut pairs) = (Sums::none(scenario), Pairs::default());
-    for path in super::in_order(parts, head, ("sums", dictionary))? {
+    for path in super::in_order(parts, head, (&Job::Sums, dictionary))? {
         let part = Sums::read(path, scenario)?;
         pairs.add(part.moments)?;
         let mut seen: BTreeMap<u64, Arc<Observation>> = BTreeMap::new();
@@ -217,4 +217,31 @@ pub fn merge(task: &Task, dictionary: &Dictionary, parts: &[PathBuf]) -> Result<
     }
     all.moments = pairs.finish()?.unwrap_or(all.moments);
     Ok(all)
+}
+
+#[cfg(test)]
+mod tests {
+    use faer::Par;
+
+    use super::*;
+
+    #[test]
+    fn pairs_hold_as_many_sums_as_their_number_has_digits_and_add_up() {
+        for count in 0..=33u32 {
+            let mut pairs = Pairs::default();
+            for k in 0..count {
+                let mut moments = Moments::new(Par::Seq);
+                moments.widen(1).unwrap();
+                moments.add(Mat::from_fn(1, 1, |_, _| f64::from(k)).as_ref(), Mat::zeros(1, 0).as_ref(), 0.0).unwrap();
+                pairs.add(moments).unwrap();
+                assert_eq!(pairs.0.len(), (k + 1).count_ones() as usize);
+            }
+            let all = pairs.finish().unwrap().map(|all| (all.frames(), all.mean()[(0, 0)]));
+            assert_eq!(
+                all,
+                (count > 0).then(|| (f64::from(count), f64::from(count.saturating_sub(1)) / 2.0)),
+                "{count}"
+            );
+        }
+    }
 }

@@ -1,7 +1,8 @@
 """Slow feature analysis, support vectors and values of actions, from streams.
 
 `Agent` explores, learns and acts while a program drives a robot, or an environment, with it; :mod:`adagio.gym` drives
-Gymnasium's. `open` gives a recorded run as arrays. All other classes are estimators in the manner of scikit-learn. What
+Gymnasium's. `open` gives a recorded run as arrays, and `learn`
+makes one model of many. All other classes are estimators in the manner of scikit-learn. What
 they compute is the Rust library ``adagio``.
 
 ========================  =============================================================
@@ -22,6 +23,7 @@ from ._kernel import KernelSFA
 from ._linear import SFA
 from ._local import LocalValues
 from ._lspi import LSPI
+from ._many import learn
 from ._run import Run, open
 
-__all__ = ["ALD", "Agent", "IncSFA", "KernelSFA", "LSPI", "LocalValues", "Run", "RunOver", "SFA", "open"]
+__all__ = ["ALD", "Agent", "IncSFA", "KernelSFA", "LSPI", "LocalValues", "Run", "RunOver", "SFA", "learn", "open"]
