@@ -6,7 +6,7 @@ use std::sync::{Mutex, PoisonError};
 
 use adagio::cli::PartArgs;
 use adagio::cli::learn::{Order, learn_with, part};
-use adagio::learn::Job;
+use adagio::learn::{Job, Work};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 
@@ -33,7 +33,7 @@ pub fn learn(
         Order { logs: &logs, scenario: scenario.as_deref(), set: &sets, out: out.as_deref(), evaluate, quiet: true };
     // On this thread, where Ctrl-C reaches the engine.
     let learned = py.detach(|| {
-        let run = |parts: &[adagio::cli::learn::Work], _: &(dyn Fn() + Sync)| {
+        let run = |parts: &[Work], _: &(dyn Fn() + Sync)| {
             let parts: Vec<_> =
                 parts.iter().map(|of| (of.verb, &of.log, &of.scenario, &of.dictionary, &of.out)).collect();
             Python::attach(|py| engine.call1(py, (parts,))).map(drop).map_err(|error| {

@@ -14,8 +14,8 @@ use super::{Ending, LearnArgs, MergeArgs, PartArgs, folder, print, print_json};
 use crate::agent::{CHECKPOINT_NAME, checkpoint_bytes, peak_resident_bytes, write_checkpoint};
 use crate::evaluate::{Evaluator, PoseDecode, TaskResult, decode_pose};
 use crate::learn::{
-    Candidates, Dictionary, Job, LeftOut, Log, ManyError, Recordings, Setting, Sums, first_dictionary, merge, model,
-    union,
+    Candidates, Dictionary, Job, LeftOut, Log, ManyError, Recordings, Setting, Sums, Work, first_dictionary, merge,
+    model, union,
 };
 use crate::random::fix_parallelism;
 use crate::replay::Recording;
@@ -73,20 +73,6 @@ pub struct Order<'a> {
     pub evaluate: bool,
     /// No progress on stderr.
     pub quiet: bool,
-}
-
-/// Work on one log: what `adagio members` or `adagio moments` does, with absolute paths.
-pub struct Work {
-    /// `members` or `moments`.
-    pub verb: &'static str,
-    /// The log.
-    pub log: PathBuf,
-    /// The complete scenario.
-    pub scenario: PathBuf,
-    /// The dictionary.
-    pub dictionary: PathBuf,
-    /// The part to be made.
-    pub out: PathBuf,
 }
 
 /// Has work done, wherever, in any order; and calls the function after each. Why it was not.

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use super::Ending;
-use super::learn::Work;
+use crate::learn::Work;
 
 /// How often a part is tried.
 const TRIES: usize = 3;

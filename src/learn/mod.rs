@@ -131,6 +131,21 @@ impl Job {
     }
 }
 
+/// Work on one log: what `adagio members` or `adagio moments` does, with absolute paths.
+#[derive(Debug, Clone)]
+pub struct Work {
+    /// `members` or `moments`.
+    pub verb: &'static str,
+    /// The log.
+    pub log: PathBuf,
+    /// The complete scenario.
+    pub scenario: PathBuf,
+    /// The dictionary.
+    pub dictionary: PathBuf,
+    /// The part to be made.
+    pub out: PathBuf,
+}
+
 /// What a part says of itself.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Head {
