@@ -103,6 +103,41 @@ fn the_same_logs_give_the_same_bits_whoever_works_on_them() {
     assert!(!folder.join("no").exists());
 }
 
+#[cfg(unix)]
+#[test]
+fn hosts_are_reached_by_ssh_whatever_paths_are_called() {
+    use std::os::unix::fs::PermissionsExt as _;
+
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let names = drives(folder, 2);
+    let here = learn(folder, &[&names[0], &names[1]], &["--no-evaluate", "--out", "here"]);
+    std::fs::rename(folder.join(&names[0]), folder.join("Anna's drive")).unwrap();
+    // It runs here what it would run there, and says for whom.
+    let ssh =
+        "#!/bin/sh\n[ \"$1 $2\" = \"-o BatchMode=yes\" ] || exit 9\necho \"$3\" >> asked\nshift 3\nexec sh -c \"$*\"\n";
+    std::fs::create_dir(folder.join("bin")).unwrap();
+    std::fs::write(folder.join("bin/ssh"), ssh).unwrap();
+    std::fs::set_permissions(folder.join("bin/ssh"), std::fs::Permissions::from_mode(0o755)).unwrap();
+    std::fs::write(folder.join("hosts"), "# two machines\nleft\n\nright\n").unwrap();
+    let path = format!("{}:{}", folder.join("bin").display(), std::env::var("PATH").unwrap());
+    let output = Command::new(env!("CARGO_BIN_EXE_adagio"))
+        .current_dir(folder)
+        .env("PATH", path)
+        .args(["learn", "--hosts", "hosts", "--no-evaluate", "--quiet", "--out", "there", "Anna's drive", &names[1]])
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert_eq!(report(&folder.join("there"))["digest"], here["digest"]);
+    let asked = std::fs::read_to_string(folder.join("asked")).unwrap();
+    assert!(asked.contains("left\n") && asked.contains("right\n"), "{asked}");
+    for (hosts, expected) in [("-oProxyCommand=no", "is no host"), ("# nobody", "names no host")] {
+        std::fs::write(folder.join("hosts"), hosts).unwrap();
+        let output = adagio(folder, &["learn", "--hosts", "hosts", "--out", "no", &names[1]]);
+        assert!(output.status.code() == Some(2) && stderr(&output).contains(expected), "{}", stderr(&output));
+    }
+}
+
 /// Kill a process that a program has started, as soon as there is one; whether there was.
 fn kill_a_worker(program: &mut Child) -> bool {
     let (begin, parent) = (Instant::now(), program.id().to_string());
