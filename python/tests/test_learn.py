@@ -75,6 +75,10 @@ def test_settings_and_errors(logs, here, tmp_path):
         adagio.learn(logs, out=tmp_path / "no", slow={"features": -1})
     with pytest.raises(RuntimeError, match="nowhere"):
         adagio.learn([tmp_path / "nowhere"], out=tmp_path / "no")
+    with pytest.raises(TypeError, match="True or False"):
+        adagio.learn(logs, out=tmp_path / "no", evaluate={"starts": 5})
+    with pytest.warns(UserWarning, match="nowhere.*left out"):
+        assert adagio.learn([tmp_path / "nowhere", logs[0]], out=tmp_path / "rest")["learned_from"]["frames"] == 601
 
     def refuses(*_):
         raise KeyError("not today")

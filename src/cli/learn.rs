@@ -8,8 +8,8 @@ use std::time::{Duration, Instant};
 use serde::Serialize;
 
 use super::drive::write;
-use super::run::load;
-use super::workers::{lock, read_hosts, work_off};
+use super::run::{load, within_memory};
+use super::workers::{INTERRUPTED, lock, read_hosts, work_off};
 use super::{Ending, LearnArgs, MergeArgs, PartArgs, folder, print, print_json};
 use crate::agent::{CHECKPOINT_NAME, checkpoint_bytes, peak_resident_bytes, write_checkpoint};
 use crate::evaluate::{Evaluator, PoseDecode, TaskResult, decode_pose};
@@ -20,7 +20,7 @@ use crate::learn::{
 use crate::random::fix_parallelism;
 use crate::replay::Recording;
 use crate::report::{self, Numbered, Program, RunInfo, tasks_table};
-use crate::scenario::Scenario;
+use crate::scenario::{Plan, Scenario};
 use crate::world::World;
 
 /// How often logs are asked for what the dictionary lacks.
@@ -73,6 +73,8 @@ pub struct Order<'a> {
     pub evaluate: bool,
     /// No progress on stderr.
     pub quiet: bool,
+    /// Set from outside to end it between two stages.
+    pub stop: &'a AtomicBool,
 }
 
 /// Has work done, wherever, in any order; and calls the function after each. Why it was not.
@@ -91,6 +93,7 @@ pub fn learn(args: &LearnArgs, stop: &AtomicBool) -> Result<(), Ending> {
         out: args.out.as_deref(),
         evaluate: !args.no_evaluate,
         quiet: args.quiet,
+        stop,
     };
     let (said, out) = learn_with(&order, &|work, done| work_off(&workers, work, done, stop))?;
     match args.json {
@@ -110,20 +113,37 @@ pub fn learn(args: &LearnArgs, stop: &AtomicBool) -> Result<(), Ending> {
 pub fn learn_with(order: &Order<'_>, engine: &Engine<'_>) -> Result<(Report, PathBuf), Ending> {
     let begin = Instant::now();
     fix_parallelism();
-    let scenario = match (order.scenario, order.logs.first()) {
-        (Some(file), _) => load(file, order.set)?,
-        (None, Some(log)) => Recording::open(log)?.scenario(order.set).map_err(Ending::usage)?,
-        (None, None) => return Err(Ending::Usage("there is no log to learn from".into())),
+    let scenario = match order.scenario {
+        Some(file) => load(file, order.set)?,
+        None => {
+            // A damaged one may say anything.
+            let whole = |log: &&PathBuf| Recording::open(log).is_ok_and(|recording| recording.damage.is_empty());
+            let log = order.logs.iter().find(whole).or(order.logs.first());
+            let log = log.ok_or_else(|| Ending::Usage("there is no log to learn from".into()))?;
+            let recording = Recording::open(log)?;
+            let text = recording.metadata.get("scenario").map_or("", String::as_str);
+            within_memory(log, order.set, |sets| Scenario::parse(text, log, sets))?
+        }
     };
     let world = Arc::new(World::new(&scenario)?);
     let setting = Setting { scenario: Arc::new(scenario), plan: world.plan.clone() };
-    let progress = Progress { quiet: order.quiet, begin, last: Mutex::new((String::new(), begin, begin)) };
-    let tell = |done: usize| progress.tell("looked at", done, order.logs.len());
+    let progress = Progress::new(order.quiet, begin);
+    let tell = |done: usize| {
+        progress.tell("looked at", (done, 0), order.logs.len());
+        !order.stop.load(Ordering::Relaxed)
+    };
     let Recordings { logs, left_out } = Recordings::open(order.logs, &setting.scenario, &tell).map_err(ending)?;
     left_out.iter().for_each(|log| eprintln!("warning: {log}: it is left out"));
     let first = first_dictionary(&setting, &logs).map_err(ending)?;
     let out = begin_folder(order.out, &setting.scenario)?;
-    let all = All { setting: &setting, logs: &logs, out: &std::path::absolute(&out)?, engine, progress: &progress };
+    let all = All {
+        setting: &setting,
+        logs: &logs,
+        out: &std::path::absolute(&out)?,
+        engine,
+        progress: &progress,
+        stop: order.stop,
+    };
     let (dictionary, sums, rounds, settled) = all.passes(first).map_err(|error| go_on(error, &out))?;
     let from = LearnedFrom {
         logs: logs.iter().map(|log| log.path.clone()).collect(),
@@ -144,27 +164,27 @@ struct All<'a> {
     out: &'a Path,
     engine: &'a Engine<'a>,
     progress: &'a Progress,
+    stop: &'a AtomicBool,
 }
 
 impl All<'_> {
     /// From the rule of a dictionary to the sums over it; how often the logs were asked for what it lacks, and whether that was all.
     fn passes(&self, first: Dictionary) -> Result<(Dictionary, Sums, usize, bool), Ending> {
         let parts = self.out.join(PARTS);
-        std::fs::create_dir_all(&parts)
-            .map_err(|cause| format!("cannot create the folder {}: {cause}", parts.display()))?;
-        let (mut dictionary, mut rounds, mut settled) = (first, 0, false);
-        while !settled && rounds < ROUNDS {
+        let logs: Vec<&str> = self.logs.iter().map(|log| log.digest.as_str()).collect();
+        let (mut dictionary, mut rounds, mut more) = (first, 0, true);
+        while more && rounds < ROUNDS {
             let path = parts.join(format!("dictionary-{rounds}.safetensors"));
             dictionary.write(&path, &self.setting.scenario).map_err(ending)?;
             rounds += 1;
             let candidates = self.parts(&Job::Members, &format!("members-{rounds}"), (&path, &dictionary))?;
-            let (next, more) = union(self.setting, &dictionary, &candidates).map_err(ending)?;
-            (dictionary, settled) = (next, !more);
+            (dictionary, more) = union(self.setting, &dictionary, (&candidates, Some(&logs))).map_err(ending)?;
         }
         let path = parts.join("dictionary.safetensors");
         dictionary.write(&path, &self.setting.scenario).map_err(ending)?;
-        let sums = self.parts(&Job::Sums, "moments", (&path, &dictionary))?;
-        let sums = merge(self.setting, &dictionary, &sums).map_err(ending)?;
+        let moments = self.parts(&Job::Moments, "moments", (&path, &dictionary))?;
+        let sums = merge(self.setting, &dictionary, (&moments, Some(&logs))).map_err(ending)?;
+        let settled = !more && !dictionary.is_full();
         Ok((dictionary, sums, rounds, settled))
     }
 
@@ -178,10 +198,15 @@ impl All<'_> {
             Ok(Work { verb: job.verb(), log, scenario, dictionary: path.to_owned(), out: part.clone() })
         });
         let work: Vec<Work> = work.collect::<std::io::Result<_>>()?;
-        let done = AtomicUsize::new(parts.len() - work.len());
-        let tell = || self.progress.tell(name, done.fetch_add(1, Ordering::Relaxed) + 1, parts.len());
+        let already = parts.len() - work.len();
+        let done = AtomicUsize::new(already);
+        self.progress.tell(name, (already, already), parts.len());
+        let tell = || self.progress.tell(name, (done.fetch_add(1, Ordering::Relaxed) + 1, already), parts.len());
         (self.engine)(&work, &tell)?;
-        Ok(parts)
+        match self.stop.load(Ordering::Relaxed) {
+            true => Err(INTERRUPTED.into()),
+            false => Ok(parts),
+        }
     }
 }
 
@@ -238,7 +263,7 @@ fn finish(
 
 fn text(said: &Report) -> String {
     let from = &said.learned_from;
-    let settled = if from.settled { "" } else { ", and there would be more" };
+    let settled = if from.settled { "" } else { ", and there would be more (dictionary.budget)" };
     format!(
         "{}: {} frames of {} logs in {:.0} s\n{} support vectors (sigma {:.0}, nu {}) in {} rounds{settled}, {} features, slowness {:.3} to \
          {:.3} /s²\na frame lacks at most {:.4} of itself\n\n{}\ndigest {}\n",
@@ -277,7 +302,8 @@ fn go_on(error: Ending, out: &Path) -> Ending {
 /// The folder of the result: a new one, or one in which the same was begun and is not done.
 fn begin_folder(out: Option<&Path>, scenario: &Scenario) -> Result<PathBuf, Ending> {
     let begun = |out: &&Path| {
-        !out.join(REPORT).exists()
+        out.join(PARTS).is_dir()
+            && !out.join(REPORT).exists()
             && std::fs::read_to_string(out.join(SCENARIO)).is_ok_and(|text| text == scenario.text)
     };
     if let Some(out) = out.filter(begun) {
@@ -285,6 +311,8 @@ fn begin_folder(out: Option<&Path>, scenario: &Scenario) -> Result<PathBuf, Endi
     }
     let out = folder::create(out, scenario)?;
     write(&out, SCENARIO, scenario.text.as_bytes())?;
+    let parts = out.join(PARTS);
+    std::fs::create_dir(&parts).map_err(|cause| format!("cannot create the folder {}: {cause}", parts.display()))?;
     Ok(out)
 }
 
@@ -299,17 +327,23 @@ struct Progress {
 impl Progress {
     const EVERY: Duration = Duration::from_secs(1);
 
-    fn tell(&self, stage: &str, done: usize, of: usize) {
+    fn new(quiet: bool, begin: Instant) -> Self {
+        Progress { quiet, begin, last: Mutex::new((String::new(), begin, begin)) }
+    }
+
+    /// So many are done, some of them already when the stage began.
+    fn tell(&self, stage: &str, (done, already): (usize, usize), of: usize) {
         let (mut last, now) = (lock(&self.last), Instant::now());
         if last.0 != stage {
-            *last = (stage.to_owned(), now, last.2);
+            let begin = if last.0.is_empty() { self.begin } else { now };
+            *last = (stage.to_owned(), begin, last.2);
         }
         if self.quiet || done < of && now - last.2 < Self::EVERY {
             return;
         }
         last.2 = now;
-        let left = (now - last.1).as_secs_f64() / done as f64 * (of - done) as f64;
-        let left = if done < of && left > 1.0 { format!(", about {left:.0} s left with them") } else { String::new() };
+        let left = (now - last.1).as_secs_f64() * (of - done) as f64 / (done - already).max(1) as f64;
+        let left = if done > already && left > 1.0 { format!(", about {left:.0} s left") } else { String::new() };
         eprintln!("{:.0} s, {stage}: {done} of {of} logs{left}", self.begin.elapsed().as_secs_f64());
     }
 }
@@ -317,15 +351,16 @@ impl Progress {
 /// One part: candidates for support vectors, or sums.
 pub fn part(args: &PartArgs, job: &Job) -> Result<(), Ending> {
     fix_parallelism();
-    let (setting, _) = scenario(&args.scenario)?;
+    let setting = scenario(&args.scenario)?;
     let dictionary = dictionary(&setting, args.dictionary.as_deref())?;
     job.run(&setting, &args.log, &dictionary, &args.out).map_err(ending)
 }
 
-fn scenario(file: &Path) -> Result<(Setting, Arc<World>), Ending> {
-    let scenario = Arc::new(load(file, &[])?);
-    let world = Arc::new(World::new(&scenario)?);
-    Ok((Setting { scenario, plan: world.plan.clone() }, world))
+/// A scenario that was checked where the work was shared out.
+fn scenario(file: &Path) -> Result<Setting, Ending> {
+    let scenario = Scenario::load(file, &[]).map_err(Ending::usage)?;
+    let plan = Plan::new(&scenario).map_err(|fault| Ending::Usage(format!("{}: {fault:?}", file.display())))?;
+    Ok(Setting { scenario: Arc::new(scenario), plan: Arc::new(plan) })
 }
 
 /// What stands in a file, or the rule before there are any support vectors.
@@ -341,10 +376,16 @@ fn dictionary(setting: &Setting, file: Option<&Path>) -> Result<Dictionary, Endi
 pub fn merge_parts(args: &MergeArgs) -> Result<(), Ending> {
     let begin = Instant::now();
     fix_parallelism();
-    let (setting, world) = scenario(&args.scenario)?;
+    let setting = scenario(&args.scenario)?;
     let before = dictionary(&setting, args.dictionary.as_deref())?;
     if Candidates::read(&args.parts[0], &setting.scenario).is_ok() {
-        let (after, more) = union(&setting, &before, &args.parts).map_err(ending)?;
+        if args.out.exists() {
+            return Err(Ending::Usage(format!(
+                "{} exists already, and nothing is ever overwritten",
+                args.out.display()
+            )));
+        }
+        let (after, more) = union(&setting, &before, (&args.parts, None)).map_err(ending)?;
         after.write(&args.out, &setting.scenario).map_err(ending)?;
         let support_vectors = after.members().ncols();
         let said = if more { "parts had more than the dictionary" } else { "no part had more than the dictionary" };
@@ -353,7 +394,8 @@ pub fn merge_parts(args: &MergeArgs) -> Result<(), Ending> {
             false => print(&format!("{support_vectors} support vectors: {said}\n")),
         };
     }
-    let sums = merge(&setting, &before, &args.parts).map_err(ending)?;
+    let sums = merge(&setting, &before, (&args.parts, None)).map_err(ending)?;
+    let world = Arc::new(World::new(&setting.scenario)?);
     let out = folder::create(Some(&args.out), &setting.scenario)?;
     write(&out, SCENARIO, setting.scenario.text.as_bytes())?;
     let from = LearnedFrom { logs: args.parts.clone(), settled: true, ..LearnedFrom::default() };

@@ -544,7 +544,7 @@ pub fn dispatch(cli: Cli, stop: &Arc<AtomicBool>) -> Result<(), Ending> {
         Command::Replay(args) => replay::replay(&args, stop),
         Command::Learn(args) => learn::learn(&args, stop),
         Command::Members(args) => learn::part(&args, &Job::Members),
-        Command::Moments(args) => learn::part(&args, &Job::Sums),
+        Command::Moments(args) => learn::part(&args, &Job::Moments),
         Command::Merge(args) => learn::merge_parts(&args),
         Command::Resume(args) => resume::resume(&args, stop),
         Command::Recover(args) => recover::recover(&args),

@@ -2,15 +2,21 @@
 
 use std::collections::VecDeque;
 use std::path::Path;
-use std::process::{Command, Stdio};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::process::{Command, ExitStatus, Stdio};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
 use super::Ending;
 use crate::learn::Work;
 
 /// How often a part is tried.
 const TRIES: usize = 3;
+/// How long a worker without work waits for some.
+const WAIT: Duration = Duration::from_millis(50);
+/// What ssh ends with where there is no connection.
+const NOT_REACHED: i32 = 255;
+pub const INTERRUPTED: &str = "it was interrupted";
 
 /// A host in each line, for one worker.
 pub fn read_hosts(file: &Path) -> Result<Vec<Option<String>>, Ending> {
@@ -29,7 +35,7 @@ pub fn read_hosts(file: &Path) -> Result<Vec<Option<String>>, Ending> {
     }
 }
 
-/// Have work done, by one process at a time for each of `workers`: on this machine, or on a host.
+/// Have work done, by one process at a time for each of `workers`: on this machine, or on a host. A host on which one fails gets no more.
 pub fn work_off(
     workers: &[Option<String>],
     work: &[Work],
@@ -37,21 +43,37 @@ pub fn work_off(
     stop: &AtomicBool,
 ) -> Result<(), String> {
     let todo: Mutex<VecDeque<(&Work, usize)>> = Mutex::new(work.iter().map(|of| (of, 0)).collect());
-    let failed = Mutex::new(None::<String>);
-    let goes_on = || !stop.load(Ordering::Relaxed) && lock(&failed).is_none();
+    let (left, failed) = (AtomicUsize::new(work.len()), Mutex::new(None::<String>));
+    let goes_on = || left.load(Ordering::Relaxed) > 0 && !stop.load(Ordering::Relaxed) && lock(&failed).is_none();
     std::thread::scope(|scope| {
         for host in workers {
             scope.spawn(|| {
                 while goes_on() {
-                    let Some((of, tries)) = lock(&todo).pop_front() else { break };
+                    let Some((of, tries)) = lock(&todo).pop_front() else {
+                        // Another one may fail, and leave its work to this one.
+                        std::thread::sleep(WAIT);
+                        continue;
+                    };
                     match process(of, host.as_deref()) {
-                        Ok(()) => done(),
+                        Ok(()) => {
+                            left.fetch_sub(1, Ordering::Relaxed);
+                            done();
+                        }
+                        Err(Failure::Interrupted) => *lock(&failed) = Some(INTERRUPTED.into()),
                         Err(_) if stop.load(Ordering::Relaxed) => {}
-                        Err(text) if tries + 1 < TRIES => {
+                        Err(Failure::NotReached(text)) => {
+                            eprintln!("warning: {text}: it gets no more work");
+                            lock(&todo).push_front((of, tries));
+                            return;
+                        }
+                        Err(Failure::Failed(text)) if tries + 1 < TRIES => {
                             eprintln!("warning: {}: {text}: once more", of.log.display());
                             lock(&todo).push_back((of, tries + 1));
+                            if host.is_some() && workers.len() > 1 {
+                                return;
+                            }
                         }
-                        Err(text) => *lock(&failed) = Some(format!("{}: {text}", of.log.display())),
+                        Err(Failure::Failed(text)) => *lock(&failed) = Some(format!("{}: {text}", of.log.display())),
                     }
                 }
             });
@@ -59,14 +81,24 @@ pub fn work_off(
     });
     match lock(&failed).take() {
         Some(text) => Err(text),
-        None if stop.load(Ordering::Relaxed) => Err("it was interrupted".into()),
+        None if stop.load(Ordering::Relaxed) => Err(INTERRUPTED.into()),
+        None if left.load(Ordering::Relaxed) > 0 => Err("no worker is left".into()),
         None => Ok(()),
     }
 }
 
+/// Why a part was not made.
+enum Failure {
+    /// Somebody has ended it.
+    Interrupted,
+    /// The host.
+    NotReached(String),
+    Failed(String),
+}
+
 /// One part, by a process of its own.
-fn process(work: &Work, host: Option<&str>) -> Result<(), String> {
-    let program = std::env::current_exe().map_err(|error| error.to_string())?;
+fn process(work: &Work, host: Option<&str>) -> Result<(), Failure> {
+    let program = std::env::current_exe().map_err(|error| Failure::Failed(error.to_string()))?;
     let Work { verb, log, scenario, dictionary, out } = work;
     let words: [&Path; 9] = [
         &program,
@@ -88,12 +120,31 @@ fn process(work: &Work, host: Option<&str>) -> Result<(), String> {
         }
     };
     let output = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).output();
-    let output = output.map_err(|error| format!("a worker cannot be started: {error}"))?;
-    if output.status.success() {
-        return Ok(());
+    let output = output.map_err(|error| Failure::Failed(format!("a worker cannot be started: {error}")))?;
+    let said = String::from_utf8_lossy(&output.stderr);
+    match (output.status.code(), host) {
+        (Some(0), _) => Ok(()),
+        (None, _) if was_interrupted(output.status) => Err(Failure::Interrupted),
+        (Some(NOT_REACHED), Some(host)) => {
+            Err(Failure::NotReached(format!("{host} cannot be reached: {}", said.trim())))
+        }
+        (_, host) => {
+            let host = host.map_or(String::new(), |host| format!(" on {host}"));
+            Err(Failure::Failed(format!("a worker{host} ended with {}: {}", output.status, said.trim())))
+        }
     }
-    let host = host.map_or(String::new(), |host| format!(" on {host}"));
-    Err(format!("a worker{host} ended with {}: {}", output.status, String::from_utf8_lossy(&output.stderr).trim()))
+}
+
+#[cfg(unix)]
+fn was_interrupted(status: ExitStatus) -> bool {
+    use std::os::unix::process::ExitStatusExt as _;
+    const SIGINT: i32 = 2;
+    status.signal() == Some(SIGINT)
+}
+
+#[cfg(not(unix))]
+fn was_interrupted(_: ExitStatus) -> bool {
+    false
 }
 
 pub fn lock<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {

@@ -1,11 +1,11 @@
 //! Support vectors for all logs: candidates of each, and the union.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use faer::{Mat, MatRef};
 use sha2::{Digest, Sha256};
 
-use super::{Head, Job, Log, ManyError, Setting, read_part, write_part};
+use super::{Head, Job, Log, ManyError, PartsOf, Setting, read_part, write_part};
 use crate::agent::steps::parallelism;
 use crate::dictionary::{Ald, DictionaryError, Parameters, Selection, width_for_share};
 use crate::kernel::Kernel;
@@ -39,6 +39,11 @@ impl Dictionary {
     /// Threshold of acceptance: above the scenario's, where the budget was used up.
     pub fn nu(&self) -> f64 {
         self.selection.nu().unwrap_or(f64::NAN)
+    }
+
+    /// Whether it takes nothing more, whatever it lacks.
+    pub fn is_full(&self) -> bool {
+        self.selection.is_full()
     }
 
     /// A hash of everything that it is made of.
@@ -90,8 +95,8 @@ fn no_dictionary(cause: DictionaryError) -> ManyError {
     ManyError::NoModel(format!("there are no support vectors: {cause}"))
 }
 
-/// The rule before there are any support vectors: with the scenario's width of the kernel, or the one for the first frames of all
-/// logs, as many of each.
+/// The rule before there are any support vectors: with the scenario's width of the kernel, or the one for frames that are spread over all
+/// logs; of a single log its first ones, as in a run.
 ///
 /// # Errors
 /// A scenario that selects at random; first frames that are all alike.
@@ -102,6 +107,12 @@ pub fn first_dictionary(setting: &Setting, logs: &[Log]) -> Result<Dictionary, M
             "dictionary.selection must be \"ald\" here: of many logs, random selections are no random selection".into(),
         ));
     }
+    if setting.scenario.slow.memory_frames.is_some() {
+        return Err(ManyError::Together(
+            "slow.memory_frames must be 0 here: frames of many logs have no common time by which they could fade"
+                .into(),
+        ));
+    }
     let sigma = match settings.sigma {
         Some(sigma) => sigma,
         None if logs.is_empty() => {
@@ -110,12 +121,20 @@ pub fn first_dictionary(setting: &Setting, logs: &[Log]) -> Result<Dictionary, M
             ));
         }
         None => {
-            let of_each = settings.sigma_frames.div_ceil(logs.len());
-            let samples: Vec<_> = logs.iter().flat_map(|log| log.samples(setting).next(of_each)).collect();
-            let first = columns(samples.iter().map(|sample| sample.observation.as_ref()));
+            let (count, every) = (settings.sigma_frames, logs.len().div_ceil(settings.sigma_frames));
+            let asked: Vec<&Log> = logs.iter().step_by(every).collect();
+            let of_each = count.div_ceil(asked.len());
+            let mut seen = Vec::new();
+            for log in &asked {
+                let apart = if asked.len() == 1 { 1 } else { (log.frames as usize / of_each).max(1) };
+                let mut samples = log.samples(setting);
+                let next = || samples.next(apart).into_iter().next();
+                seen.extend(std::iter::from_fn(next).take(of_each).map(|sample| sample.observation));
+            }
             let kernel = |sigma| Kernel::radial(sigma, settings.exponent);
             let par = parallelism(&setting.scenario.agent);
-            width_for_share(first.as_ref(), settings.nu, settings.sigma_share, kernel, par).map_err(no_dictionary)?
+            let x = columns(seen.iter().map(AsRef::as_ref));
+            width_for_share(x.as_ref(), settings.nu, settings.sigma_share, kernel, par).map_err(no_dictionary)?
         }
     };
     Dictionary::new(&setting.scenario, sigma)
@@ -174,6 +193,7 @@ pub fn candidates(setting: &Setting, log: &Log, dictionary: &Dictionary) -> Resu
         frames += seen.len() as u64;
         beside.take(columns(seen.iter().map(|sample| sample.observation.as_ref())).as_ref(), block)?;
     }
+    samples.check(log, frames)?;
     let of = beside.selection.dictionary();
     let new: Vec<usize> = (0..of.len()).filter(|&place| of.serials()[place] >= known).collect();
     let members = Mat::from_fn(of.members().nrows(), new.len(), |i, j| of.members()[(i, new[j])]);
@@ -185,7 +205,7 @@ pub fn candidates(setting: &Setting, log: &Log, dictionary: &Dictionary) -> Resu
 ///
 /// # Errors
 /// Candidates beside another dictionary, or twice of one log; files that cannot be read.
-pub fn union(setting: &Setting, dictionary: &Dictionary, parts: &[PathBuf]) -> Result<(Dictionary, bool), ManyError> {
+pub fn union(setting: &Setting, dictionary: &Dictionary, parts: PartsOf<'_>) -> Result<(Dictionary, bool), ManyError> {
     let head = |path: &Path| Ok(Candidates::read(path, &setting.scenario)?.head);
     let mut all = dictionary.clone();
     for path in super::in_order(parts, head, (&Job::Members, dictionary))? {

@@ -5,8 +5,8 @@
 //!
 //! 1. [`Recordings`]: each log is looked at once. What does not fit, or is damaged, is named before anything else begins.
 //! 2. [`Job::Members`]: each log gives candidates for support vectors; the union of them, thinned by the same rule, is the
-//!    [`Dictionary`]. Again, from that one on, until no log has a frame that it lacks.
-//! 3. [`Job::Sums`]: each log gives its sums over that dictionary, and its transitions.
+//!    [`Dictionary`]. Again, from that one on, until no log has a frame that it lacks, or the dictionary is full.
+//! 3. [`Job::Moments`]: each log gives its sums over that dictionary, and a window of transitions.
 //! 4. [`model`]: sums are added in pairs, in the order of the logs' digests; features and values follow as in a run.
 //!
 //! # Parts
@@ -91,7 +91,7 @@ pub enum Job {
     /// Candidates for support vectors that a dictionary lacks.
     Members,
     /// Sums over a dictionary, and transitions.
-    Sums,
+    Moments,
 }
 
 impl Job {
@@ -99,13 +99,13 @@ impl Job {
     pub fn verb(&self) -> &'static str {
         match self {
             Job::Members => "members",
-            Job::Sums => "moments",
+            Job::Moments => "moments",
         }
     }
 
     /// The job of a command.
     pub fn of_verb(verb: &str) -> Option<Self> {
-        [Job::Members, Job::Sums].into_iter().find(|job| job.verb() == verb)
+        [Job::Members, Job::Moments].into_iter().find(|job| job.verb() == verb)
     }
 
     /// Do it, unless the part is there already.
@@ -117,9 +117,13 @@ impl Job {
         if self.is_done(setting, &log, dictionary, out) {
             return Ok(());
         }
+        if out.exists() {
+            let cause = "it is there already, and of something else: nothing is ever overwritten".to_owned();
+            return Err(ManyError::Part { path: out.to_owned(), cause });
+        }
         match self {
             Job::Members => candidates(setting, &log, dictionary)?.write(out, &setting.scenario),
-            Job::Sums => sums(setting, &log, dictionary)?.write(out, &setting.scenario),
+            Job::Moments => sums(setting, &log, dictionary)?.write(out, &setting.scenario),
         }
     }
 
@@ -174,9 +178,12 @@ impl Head {
     }
 }
 
+/// Parts, and the digests of the logs that they should be of, where that is known.
+pub type PartsOf<'a> = (&'a [PathBuf], Option<&'a [&'a str]>);
+
 /// Parts of one kind over one dictionary, of a log each, in the order of the logs. `head` reads what a part says of itself.
 fn in_order<'a>(
-    paths: &'a [PathBuf],
+    (paths, logs): PartsOf<'a>,
     head: impl Fn(&Path) -> Result<Head, ManyError>,
     (job, dictionary): (&Job, &Dictionary),
 ) -> Result<Vec<&'a Path>, ManyError> {
@@ -184,6 +191,14 @@ fn in_order<'a>(
     let mut parts = parts?;
     parts.sort_by(|a, b| a.0.log.cmp(&b.0.log));
     let digest = dictionary.digest();
+    if let Some(logs) = logs
+        && let Some((_, path)) = parts.iter().find(|(head, _)| !logs.contains(&head.log.as_str()))
+    {
+        return Err(ManyError::Together(format!(
+            "{} is of another log: one has changed meanwhile, or lies elsewhere under the same name",
+            path.display()
+        )));
+    }
     for (head, path) in &parts {
         let refuse = |cause: String| Err(ManyError::Part { path: path.to_path_buf(), cause });
         if head.kind != job.verb() {

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use super::{Dictionary, ManyError, Setting, Sums};
 use crate::agent::steps::{FitPolicies, Solve, SolveRequest, Tasks, parallelism};
+use crate::dictionary::Selection as _;
 use crate::policy;
 use crate::source::{Mark, MarkKind};
 
@@ -25,20 +26,23 @@ pub fn model(setting: &Setting, dictionary: &Dictionary, sums: Sums) -> Result<L
     let scenario = &setting.scenario;
     let par = parallelism(&scenario.agent);
     let mut tasks = Tasks::new(scenario, setting.plan.clone());
+    let mut notes = Vec::new();
     for marked in &sums.marks {
         let place = marked.place.unwrap_or([f64::NAN; 2]).into();
-        tasks.mark(&[Mark { task: marked.task, kind: MarkKind::Here }], &marked.observation, place);
+        let mark = [Mark { task: marked.task, kind: MarkKind::Here }];
+        notes.extend(tasks.mark(&mark, &marked.observation, place).1);
     }
     let request = SolveRequest {
         asked_at: sums.end.saturating_sub(2),
         stamp_ns: 0,
         frames: sums.frames,
-        sums: Some((dictionary.selection.clone().into_dictionary(), sums.moments)),
+        sums: Some((dictionary.selection.dictionary().clone(), sums.moments)),
         window: tasks.judged(&sums.window),
         goals: tasks.centres(),
         marks: tasks.marks.clone(),
     };
     let update = FitPolicies::new(scenario.clone(), par).step(Solve::new(&scenario.slow, par).step(request));
     let learned = update.learned.map_err(ManyError::NoModel)?;
-    Ok(Learned { learned, notes: update.notes, transitions: update.transitions })
+    notes.extend(update.notes);
+    Ok(Learned { learned, notes, transitions: update.transitions })
 }

@@ -76,19 +76,19 @@ fn unlike(recorded: &Scenario, scenario: &Scenario) -> Option<String> {
     let camera = |scenario: &Scenario| {
         let (camera, vision) = (&scenario.camera, &scenario.vision);
         format!(
-            "{} × {} pixels, {}° wide, observations of {} × {}",
-            camera.width, camera.height, camera.field_of_view_deg, vision.width, vision.height
+            "{} × {} pixels, {}° wide, {} m high, [vision] {vision:?}",
+            camera.width, camera.height, camera.field_of_view_deg, camera.mount_height
         )
     };
-    if recorded.vision != scenario.vision || camera(recorded) != camera(scenario) {
+    if camera(recorded) != camera(scenario) {
         return Some(format!("its camera is another one: {}, here {}", camera(recorded), camera(scenario)));
     }
     if of.actions != ours.actions {
-        let names = |scenario: &Scenario| {
-            let names = scenario.robot.actions.iter().map(|action| scenario.robot.actions.name(action).to_owned());
-            names.collect::<Vec<String>>().join(", ")
+        let motion = |scenario: &Scenario| {
+            let of = |action| (scenario.robot.actions.name(action).to_owned(), scenario.robot.actions.motion(action));
+            format!("{:?}", scenario.robot.actions.iter().map(of).collect::<Vec<_>>())
         };
-        return Some(format!("its actions are others: {}, here {}", names(recorded), names(scenario)));
+        return Some(format!("its actions are others: {}, here {}", motion(recorded), motion(scenario)));
     }
     let [frames, ours] = [of, ours].map(|robot| (robot.frames_per_action, robot.frame_seconds()));
     (frames != ours)
@@ -106,6 +106,16 @@ impl Samples {
     pub fn next(&mut self, count: usize) -> Vec<Sample> {
         let next = || Some(self.perceive.step(self.recorded.take()?).seen.sample);
         std::iter::from_fn(next).take(count).collect()
+    }
+
+    /// Whether all frames of a log were there, behind the last one.
+    pub(super) fn check(&self, log: &Log, frames: u64) -> Result<(), ManyError> {
+        let damaged = self.recorded.damaged();
+        if damaged == 0 && frames == log.frames {
+            return Ok(());
+        }
+        let cause = format!("{frames} of its {} frames can be learned from, {damaged} lack a part", log.frames);
+        Err(ManyError::Log(LeftOut { path: log.path.clone(), cause }))
     }
 
     /// The tasks as they are behind the last frame.
@@ -139,11 +149,11 @@ pub struct Recordings {
 }
 
 impl Recordings {
-    /// Look at logs; `tell` hears how many have been looked at.
+    /// Look at logs; `tell` hears how many have been looked at, and says whether to go on.
     ///
     /// # Errors
     /// Logs of other cameras or other actions, all of them in one list; the same log twice; none that can be learned from.
-    pub fn open(paths: &[PathBuf], scenario: &Scenario, tell: &dyn Fn(usize)) -> Result<Self, ManyError> {
+    pub fn open(paths: &[PathBuf], scenario: &Scenario, tell: &dyn Fn(usize) -> bool) -> Result<Self, ManyError> {
         let (mut recordings, mut unlike) = (Recordings::default(), Vec::new());
         for (number, path) in paths.iter().enumerate() {
             match Log::open(path, scenario) {
@@ -152,7 +162,9 @@ impl Recordings {
                 Err(ManyError::Log(log)) => recordings.left_out.push(log),
                 Err(other) => return Err(other),
             }
-            tell(number + 1);
+            if !tell(number + 1) {
+                return Err(ManyError::NoModel("it was interrupted".into()));
+            }
         }
         if !unlike.is_empty() {
             return Err(ManyError::AllUnlike(unlike));

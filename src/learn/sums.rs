@@ -1,15 +1,16 @@
 //! Sums over the frames of a log, and of all logs.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
 use faer::Mat;
 
-use super::{Dictionary, Head, Job, Log, ManyError, Setting, read_part, write_part};
+use super::{Dictionary, Head, Job, Log, ManyError, PartsOf, Setting, read_part, write_part};
 use crate::agent::steps::{
     Marked, Observations, PlaceWindow, SavedMark, Transitions, parallelism, put_window, take_window,
 };
+use crate::dictionary::Selection as _;
 use crate::policy::columns;
 use crate::scenario::Scenario;
 use crate::slow::{Link, Moments};
@@ -147,7 +148,7 @@ fn sum(mut a: Moments, b: &Moments) -> Result<Moments, ManyError> {
 pub fn sums(setting: &Setting, log: &Log, dictionary: &Dictionary) -> Result<Sums, ManyError> {
     let scenario = &setting.scenario;
     let mut all = Sums::none(scenario);
-    let (mut known, mut samples) = (dictionary.selection.clone().into_dictionary(), log.samples(setting));
+    let (mut known, mut samples) = (dictionary.selection.dictionary().clone(), log.samples(setting));
     let mut transitions = Transitions::new(scenario.value.window);
     let none = || -> Result<Moments, ManyError> {
         let mut moments = Moments::new(parallelism(&scenario.agent));
@@ -162,10 +163,7 @@ pub fn sums(setting: &Setting, log: &Log, dictionary: &Dictionary) -> Result<Sum
         all.end = newest.observation.frame + 2;
         let x = columns(block.iter().map(|sample| sample.observation.as_ref()));
         let judged = known.grow(x.as_ref(), |_, _| false).map_err(|cause| ManyError::NoModel(cause.to_string()))?;
-        let mut links: Vec<Option<Link>> = block.iter().map(|sample| sample.link).collect();
-        if before.is_none() {
-            links[0] = None;
-        }
+        let links: Vec<Option<Link>> = block.iter().map(|sample| sample.link).collect();
         let v = judged.coordinates.as_ref();
         chunk.add_series(v, &links, before.as_ref().map(|of| of.as_ref()))?;
         before = Some(v.subcols(v.ncols() - 1, 1).to_owned());
@@ -179,11 +177,12 @@ pub fn sums(setting: &Setting, log: &Log, dictionary: &Dictionary) -> Result<Sum
             in_chunk = 0;
         }
     }
+    samples.check(log, all.frames)?;
     pairs.add(chunk)?;
     all.moments = pairs.finish()?.unwrap_or(all.moments);
     all.window = transitions.window;
     all.marks = samples.tasks().marks.clone();
-    all.head = Head::of(Job::Sums.verb(), log, dictionary);
+    all.head = Head::of(Job::Moments.verb(), log, dictionary);
     Ok(all)
 }
 
@@ -192,11 +191,11 @@ pub fn sums(setting: &Setting, log: &Log, dictionary: &Dictionary) -> Result<Sum
 ///
 /// # Errors
 /// Parts over another dictionary, or twice of one log; files that cannot be read.
-pub fn merge(setting: &Setting, dictionary: &Dictionary, parts: &[PathBuf]) -> Result<Sums, ManyError> {
+pub fn merge(setting: &Setting, dictionary: &Dictionary, parts: PartsOf<'_>) -> Result<Sums, ManyError> {
     let scenario = &setting.scenario;
     let head = |path: &Path| Ok(Sums::read(path, scenario)?.head);
     let (mut all, mut pairs) = (Sums::none(scenario), Pairs::default());
-    for path in super::in_order(parts, head, (&Job::Sums, dictionary))? {
+    for path in super::in_order(parts, head, (&Job::Moments, dictionary))? {
         let part = Sums::read(path, scenario)?;
         pairs.add(part.moments)?;
         let mut seen: BTreeMap<u64, Arc<Observation>> = BTreeMap::new();

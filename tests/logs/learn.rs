@@ -1,9 +1,9 @@
 //! One model from many logs.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 use serde_json::Value;
 
@@ -37,6 +37,27 @@ fn the_same_logs_give_the_same_bits_whoever_works_on_them() {
     let one = learn(folder, &[a, b, c], &[&WIDE[..], &["--out", "one"]].concat());
     assert_eq!(one["learned_from"]["frames"], 3 * 751);
     assert_eq!(one["digest"], report(&folder.join("one"))["digest"]);
+
+    // Where only the report is missing no part is made again, but for one that is.
+    let made = || -> BTreeMap<_, SystemTime> {
+        let parts = std::fs::read_dir(folder.join("one/parts")).unwrap().map(|entry| entry.unwrap());
+        let of_logs = parts.filter(|entry| !entry.file_name().to_string_lossy().starts_with("dictionary"));
+        of_logs.map(|entry| (entry.path(), entry.metadata().unwrap().modified().unwrap())).collect()
+    };
+    let before = made();
+    let (missing, damaged) = (before.keys().next().unwrap(), before.keys().next_back().unwrap());
+    std::fs::remove_file(folder.join("one/report.json")).unwrap();
+    std::fs::remove_file(missing).unwrap();
+    let again = learn(folder, &[a, b, c], &[&WIDE[..], &["--out", "one"]].concat());
+    assert_eq!(again["digest"], one["digest"]);
+    let after = made();
+    assert!(before.iter().all(|(path, time)| (after[path] == *time) == (path != missing)), "{before:?} {after:?}");
+    // One that is damaged is neither taken nor overwritten.
+    std::fs::remove_file(folder.join("one/report.json")).unwrap();
+    let whole = std::fs::read(damaged).unwrap();
+    std::fs::write(damaged, &whole[..whole.len() - 1]).unwrap();
+    let output = adagio(folder, &[&["learn", "--quiet", "--out", "one"], &WIDE[..], &[a, b, c]].concat());
+    assert!(output.status.code() == Some(1) && stderr(&output).contains("never overwritten"), "{}", stderr(&output));
 
     // In another order, under another name, by two processes of which one is killed.
     std::fs::rename(folder.join(c), folder.join("renamed")).unwrap();
@@ -114,12 +135,11 @@ fn hosts_are_reached_by_ssh_whatever_paths_are_called() {
     let here = learn(folder, &[&names[0], &names[1]], &["--no-evaluate", "--out", "here"]);
     std::fs::rename(folder.join(&names[0]), folder.join("Anna's drive")).unwrap();
     // It runs here what it would run there, and says for whom.
-    let ssh =
-        "#!/bin/sh\n[ \"$1 $2\" = \"-o BatchMode=yes\" ] || exit 9\necho \"$3\" >> asked\nshift 3\nexec sh -c \"$*\"\n";
+    let ssh = "#!/bin/sh\n[ \"$1 $2\" = \"-o BatchMode=yes\" ] || exit 9\n[ \"$3\" = dead ] && exit 255\necho \"$3\" >> asked\nshift 3\nexec sh -c \"$*\"\n";
     std::fs::create_dir(folder.join("bin")).unwrap();
     std::fs::write(folder.join("bin/ssh"), ssh).unwrap();
     std::fs::set_permissions(folder.join("bin/ssh"), std::fs::Permissions::from_mode(0o755)).unwrap();
-    std::fs::write(folder.join("hosts"), "# two machines\nleft\n\nright\n").unwrap();
+    std::fs::write(folder.join("hosts"), "# three machines\ndead\nleft\n\nright\n").unwrap();
     let path = format!("{}:{}", folder.join("bin").display(), std::env::var("PATH").unwrap());
     let output = Command::new(env!("CARGO_BIN_EXE_adagio"))
         .current_dir(folder)
@@ -129,6 +149,7 @@ fn hosts_are_reached_by_ssh_whatever_paths_are_called() {
         .unwrap();
     assert!(output.status.success(), "{}", stderr(&output));
     assert_eq!(report(&folder.join("there"))["digest"], here["digest"]);
+    assert!(stderr(&output).contains("dead cannot be reached"), "{}", stderr(&output));
     let asked = std::fs::read_to_string(folder.join("asked")).unwrap();
     assert!(asked.contains("left\n") && asked.contains("right\n"), "{asked}");
     for (hosts, expected) in [("-oProxyCommand=no", "is no host"), ("# nobody", "names no host")] {
@@ -227,7 +248,7 @@ fn what_is_damaged_is_left_out_and_what_does_not_fit_is_refused_before_anything_
     bytes[place..place + 64].iter_mut().for_each(|byte| *byte ^= 0x5a);
     std::fs::write(&log, &bytes).unwrap();
     std::fs::create_dir(folder.join("empty")).unwrap();
-    let output = adagio(folder, &["learn", "drive-1", "drive-2", "empty", "--no-evaluate", "--out", "with", "--quiet"]);
+    let output = adagio(folder, &["learn", "drive-2", "drive-1", "empty", "--no-evaluate", "--out", "with", "--quiet"]);
     let said = stderr(&output);
     assert_eq!(output.status.code(), Some(3), "{said}");
     assert!(said.contains("drive-2: it is damaged") && said.contains("empty holds no log file"), "{said}");
@@ -254,6 +275,7 @@ fn what_is_damaged_is_left_out_and_what_does_not_fit_is_refused_before_anything_
         ),
         (&["drive-1", "drive-1"], vec!["are the same log"]),
         (&["drive-1", "--set", "dictionary.selection=random"], vec!["must be \"ald\""]),
+        (&["drive-1", "--set", "slow.memory_frames=1000"], vec!["slow.memory_frames must be 0"]),
         (&["drive-1", "--workers", "0"], vec!["--workers"]),
         (&["drive-1", "--hosts", "nowhere"], vec!["nowhere"]),
     ] {

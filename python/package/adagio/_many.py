@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import os
+import warnings
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 from . import _adagio
 from ._agent import _flat, _value
@@ -53,7 +55,12 @@ def learn(
     ValueError
         Logs of other cameras or other actions, the same log twice, a setting that is not valid.
     RuntimeError
-        A log or a part cannot be read or written, or no model can be made.
+        A part cannot be read or written, or no model can be made.
+
+    Warns
+    -----
+    UserWarning
+        A log that is damaged is left out.
     """
 
     def engine(parts):
@@ -62,10 +69,26 @@ def learn(
                 _adagio.learn_part(*part)
         else:
             # All at once; the engine has its own way with workers that fail.
-            for future in [client.submit(_adagio.learn_part, *part) for part in parts]:
-                future.result()
+            futures = [client.submit(_part, uuid4().hex, *part) for part in parts]
+            try:
+                for future in futures:
+                    future.result()
+            except BaseException:
+                for future in futures:
+                    future.cancel()
+                raise
 
+    if not isinstance(evaluate, bool):
+        raise TypeError(f"evaluate is {evaluate!r}: True or False (keys of [evaluate] go into a scenario file)")
     sets = [f"{key}={_value(value)}" for key, value in _flat(settings)]
     scenario, out = (None if path is None else Path(path) for path in (scenario, out))
-    report, run = _adagio.learn([Path(log) for log in logs], scenario, sets, out, bool(evaluate), engine)
-    return {**json.loads(report), "run": Path(run)}
+    report, run = _adagio.learn([Path(log) for log in logs], scenario, sets, out, evaluate, engine)
+    report = json.loads(report)
+    for log in report["learned_from"]["left_out"]:
+        warnings.warn(f"{log}: it is left out", stacklevel=2)
+    return {**report, "run": Path(run)}
+
+
+def _part(_attempt, *part):
+    """One part. Engines that remember what they have done do it again for another attempt."""
+    _adagio.learn_part(*part)

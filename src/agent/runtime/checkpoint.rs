@@ -387,7 +387,9 @@ pub fn write_state(path: &Path, state: SavedState, scenario: &Scenario) -> Resul
     let mut head = StateHead { version, scenario_sha256, frame, stamp_ns, texts, digest: String::new() };
     head.digest = state_digest(&head, &matrices);
     let head = serde_json::to_string(&head).map_err(damaged)?;
-    let aside = path.with_extension("part");
+    let mut aside = path.to_owned().into_os_string();
+    aside.push(".part");
+    let aside = PathBuf::from(aside);
     let failed = |cause: std::io::Error| CheckpointError::Write { path: path.to_owned(), cause };
     let views = matrices.iter().map(|(name, matrix)| (name.as_str(), Stored::new(matrix)));
     let metadata = HashMap::from([(METADATA.to_owned(), head)]);
