@@ -118,7 +118,7 @@ impl Job {
             return Ok(());
         }
         if out.exists() {
-            let cause = "it is there already, and of something else: nothing is ever overwritten".to_owned();
+            let cause = "it is there already, damaged or of something else: delete it to have it made again".to_owned();
             return Err(ManyError::Part { path: out.to_owned(), cause });
         }
         match self {

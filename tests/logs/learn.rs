@@ -57,7 +57,11 @@ fn the_same_logs_give_the_same_bits_whoever_works_on_them() {
     let whole = std::fs::read(damaged).unwrap();
     std::fs::write(damaged, &whole[..whole.len() - 1]).unwrap();
     let output = adagio(folder, &[&["learn", "--quiet", "--out", "one"], &WIDE[..], &[a, b, c]].concat());
-    assert!(output.status.code() == Some(1) && stderr(&output).contains("never overwritten"), "{}", stderr(&output));
+    assert!(
+        output.status.code() == Some(1) && stderr(&output).contains("delete it to have it made again"),
+        "{}",
+        stderr(&output)
+    );
 
     // In another order, under another name, by two processes of which one is killed.
     std::fs::rename(folder.join(c), folder.join("renamed")).unwrap();
