@@ -30,8 +30,17 @@ pub fn learn(
     engine: Py<PyAny>,
 ) -> PyResult<(String, PathBuf)> {
     let failed: Mutex<Option<PyErr>> = Mutex::new(None);
-    let order =
-        Order { logs: &logs, scenario: scenario.as_deref(), set: &sets, out: out.as_deref(), evaluate, quiet: true };
+    // Ctrl-C is raised by the engine.
+    let stop = AtomicBool::new(false);
+    let order = Order {
+        logs: &logs,
+        scenario: scenario.as_deref(),
+        set: &sets,
+        out: out.as_deref(),
+        evaluate,
+        quiet: true,
+        stop: &stop,
+    };
     // On this thread, where Ctrl-C reaches the engine.
     let learned = py.detach(|| {
         let run = |parts: &[Work], _: &(dyn Fn() + Sync)| {
