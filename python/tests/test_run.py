@@ -39,6 +39,8 @@ def test_it_holds_what_an_export_holds(recorded, tmp_path):
                 np.testing.assert_array_equal(table[array], archive[array])
                 assert table[array] is table[array]
     assert run.frames["q_values"].shape == (1201, 1, 4) and run.decisions["q_values"].shape == (1200, 4)
+    with pytest.raises(RuntimeError, match="value.places"):
+        assert run.places
 
 
 def test_no_files_are_left(recorded, tmp_path, monkeypatch):

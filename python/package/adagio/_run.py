@@ -107,6 +107,8 @@ class Run:
     frames = _table("frames", "One row for each frame; with a model its features, Q-values and places, too.")
     transitions = _table("transitions", "One row for each action that was completed.")
     decisions = _table("decisions", "One row for each decision.")
+    prospects = _table("prospects", "One row for each decision of a pursuit of which something is expected.")
+    places = _table("places", "One row for each decision where places are told. RuntimeError where they are not.")
     models = _table("models", "One row for each model that was made during the run.")
     growth = _table("growth", "One row for each block of frames that went through the dictionary.")
     accepted = _table("accepted", "One row for each frame that became a support vector.")
@@ -196,7 +198,8 @@ class Run:
     def _table(self, name):
         self._export()
         if name not in self._tables:
-            raise RuntimeError(self._recorded.without_model())
+            without = "places are not told in this run (value.places)"
+            raise RuntimeError(without if name == "places" else self._recorded.without_model())
         return self._tables[name]
 
     def _export(self):
