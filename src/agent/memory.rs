@@ -22,7 +22,7 @@ use crate::slow::{Method, SlowStream, solve_bytes};
 /// | models: in use, in trials, on their way (`w` of them wait for their frame) | `(6 + w) m(5d + 8k + 24·tasks)` |
 /// | linear values: the window, its features, policy iteration of `t` tasks side by side | `N(2d + (48 + 8t)(k + 1)) + (24 + 384t)(k + 1)²` |
 /// | local values: the window, its features, and of `n` neighbours and `p` coordinates the points and who is near | `N(2d + 8(k + 1)) + T(24p + 48n + 72 + 16·tasks)`, and `(6 + w) T(4p + 8·tasks)` for models |
-/// | places: the map of the window while it is made, and of models; turns that were not made (`a` of them) | `N(16p + 400 + 200a)`, `(6 + w) N(4p + 150)` |
+/// | places: maps of the window while it is made, six tries side by side, and of models; turns that were not made (`a` of them) | `N(40p + 800 + 200a)`, `(6 + w) N(4p + 150)` |
 /// | what is shown: the map of the window, and `M` marks of the scenario | `N(12p + 16n + 160 + 16(6 + w))`, `M(d + (6 + w)(4p + 16))` |
 /// | images in the queue | `3 · width · height` each |
 ///
@@ -89,7 +89,7 @@ impl Memory {
         let places = match s.value.method {
             Values::Local if s.value.places => {
                 // The map that is made, the best one so far, and those of the models: points, poses and cells; turns that were not made.
-                n * (16 * p + 400 + 200 * turns) + (6 + waiting) * n * (4 * p + 150)
+                n * (40 * p + 800 + 200 * turns) + (6 + waiting) * n * (4 * p + 150)
             }
             _ => 0,
         };

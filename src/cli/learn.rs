@@ -263,7 +263,8 @@ fn finish(
 
 fn text(said: &Report) -> String {
     let from = &said.learned_from;
-    let settled = if from.settled { "" } else { ", and there would be more (dictionary.budget)" };
+    let settled =
+        if from.settled { "" } else { ", and there would be more (dictionary.budget is used up, or rounds are)" };
     format!(
         "{}: {} frames of {} logs in {:.0} s\n{} support vectors (sigma {:.0}, nu {}) in {} rounds{settled}, {} features, slowness {:.3} to \
          {:.3} /s²\na frame lacks at most {:.4} of itself\n\n{}\ndigest {}\n",

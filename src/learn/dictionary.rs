@@ -5,7 +5,7 @@ use std::path::Path;
 use faer::{Mat, MatRef};
 use sha2::{Digest, Sha256};
 
-use super::{Head, Job, Log, ManyError, PartsOf, Setting, read_part, write_part};
+use super::{Head, Job, Log, ManyError, PartsOf, Setting, read_part, unusable, write_part};
 use crate::agent::steps::parallelism;
 use crate::dictionary::{Ald, DictionaryError, Parameters, Selection, width_for_share};
 use crate::kernel::Kernel;
@@ -60,8 +60,8 @@ impl Dictionary {
     /// The file system refused.
     pub fn write(&self, path: &Path, scenario: &Scenario) -> Result<(), ManyError> {
         let (mut snapshot, mut sigma) = (Snapshot::new(), self.sigma);
-        snapshot.number("sigma", &mut sigma).map_err(|cause| part(path, &cause))?;
-        self.selection.clone().persist(&mut snapshot).map_err(|cause| part(path, &cause))?;
+        snapshot.number("sigma", &mut sigma).map_err(|cause| unusable(path, &cause))?;
+        self.selection.clone().persist(&mut snapshot).map_err(|cause| unusable(path, &cause))?;
         write_part(path, snapshot, 0, scenario)
     }
 
@@ -71,9 +71,9 @@ impl Dictionary {
     /// The file cannot be read, or is of another scenario.
     pub fn read(path: &Path, scenario: &Scenario) -> Result<Self, ManyError> {
         let (mut of, mut sigma) = (read_part(path, scenario)?, 0.0);
-        of.snapshot.number("sigma", &mut sigma).map_err(|cause| part(path, &cause))?;
+        of.snapshot.number("sigma", &mut sigma).map_err(|cause| unusable(path, &cause))?;
         let mut dictionary = Dictionary::new(scenario, sigma)?;
-        dictionary.selection.persist(&mut of.snapshot).map_err(|cause| part(path, &cause))?;
+        dictionary.selection.persist(&mut of.snapshot).map_err(|cause| unusable(path, &cause))?;
         Ok(dictionary)
     }
 
@@ -87,10 +87,6 @@ impl Dictionary {
     }
 }
 
-fn part(path: &Path, cause: &SnapshotError) -> ManyError {
-    ManyError::Part { path: path.to_owned(), cause: cause.to_string() }
-}
-
 fn no_dictionary(cause: DictionaryError) -> ManyError {
     ManyError::NoModel(format!("there are no support vectors: {cause}"))
 }
@@ -99,7 +95,7 @@ fn no_dictionary(cause: DictionaryError) -> ManyError {
 /// logs; of a single log its first ones, as in a run.
 ///
 /// # Errors
-/// A scenario that selects at random; first frames that are all alike.
+/// A scenario that selects at random, or whose frames fade; no width and no log to find it from; frames that are all alike.
 pub fn first_dictionary(setting: &Setting, logs: &[Log]) -> Result<Dictionary, ManyError> {
     let settings = &setting.scenario.dictionary;
     if settings.selection != SelectionRule::Ald {
@@ -155,7 +151,7 @@ impl Candidates {
     /// The file system refused.
     pub fn write(mut self, path: &Path, scenario: &Scenario) -> Result<(), ManyError> {
         let mut snapshot = Snapshot::new();
-        self.persist(&mut snapshot).map_err(|cause| part(path, &cause))?;
+        self.persist(&mut snapshot).map_err(|cause| unusable(path, &cause))?;
         write_part(path, snapshot, self.frames, scenario)
     }
 
@@ -166,7 +162,7 @@ impl Candidates {
     pub fn read(path: &Path, scenario: &Scenario) -> Result<Self, ManyError> {
         let mut of = read_part(path, scenario)?;
         let mut candidates = Candidates { head: Head::default(), members: Mat::new(), frames: of.frame };
-        candidates.persist(&mut of.snapshot).map_err(|cause| part(path, &cause))?;
+        candidates.persist(&mut of.snapshot).map_err(|cause| unusable(path, &cause))?;
         Ok(candidates)
     }
 
@@ -179,7 +175,7 @@ impl Candidates {
 /// The frames of a log that become support vectors beside those of a dictionary, in their order, by its rule.
 ///
 /// # Errors
-/// None that a log that fits can meet.
+/// A log of which not all frames can be used.
 pub fn candidates(setting: &Setting, log: &Log, dictionary: &Dictionary) -> Result<Candidates, ManyError> {
     let (mut beside, mut samples, block) =
         (dictionary.clone(), log.samples(setting), setting.scenario.dictionary.block_frames);

@@ -14,7 +14,7 @@
 //! many frames it covers. One that is there is not made again: that is all there is to a worker that fails, on any engine.
 //!
 //! # Repeatability
-//! The same logs give the same bits on any number of workers, in any order and under any name: nothing is added in the order of arrival.
+//! The same logs give the same bits for one scenario, on any number of workers, in any order and under any name: nothing is added in the order of arrival.
 //! No derivative is taken across the border of a log. The union of one log's candidates is the dictionary of a run, if that does not thin;
 //! but all frames then have all coordinates, which in a run those have only that are retained.
 
@@ -79,7 +79,7 @@ fn list(logs: &[LeftOut]) -> String {
 /// What is learned for: a scenario, and its floor plan.
 #[derive(Debug, Clone)]
 pub struct Setting {
-    /// Setting of dictionary, features and values, and the tasks.
+    /// Settings of dictionary, features and values, and the tasks.
     pub scenario: Arc<Scenario>,
     /// Where rewards near walls are.
     pub plan: Arc<Plan>,
@@ -216,6 +216,11 @@ fn in_order<'a>(
         ))),
         None => Ok(parts.into_iter().map(|of| of.1).collect()),
     }
+}
+
+/// A part whose content does not fit.
+fn unusable(path: &Path, cause: &SnapshotError) -> ManyError {
+    ManyError::Part { path: path.to_owned(), cause: cause.to_string() }
 }
 
 fn read_part(path: &Path, scenario: &Scenario) -> Result<SavedState, ManyError> {

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use faer::Mat;
 
-use super::{Dictionary, Head, Job, Log, ManyError, PartsOf, Setting, read_part, write_part};
+use super::{Dictionary, Head, Job, Log, ManyError, PartsOf, Setting, read_part, unusable, write_part};
 use crate::agent::steps::{
     Marked, Observations, PlaceWindow, SavedMark, Transitions, parallelism, put_window, take_window,
 };
@@ -48,7 +48,7 @@ impl Sums {
     /// The file system refused.
     pub fn write(mut self, path: &Path, scenario: &Scenario) -> Result<(), ManyError> {
         let mut snapshot = Snapshot::new();
-        self.persist(&mut snapshot, scenario).map_err(|cause| part(path, &cause))?;
+        self.persist(&mut snapshot, scenario).map_err(|cause| unusable(path, &cause))?;
         write_part(path, snapshot, self.frames, scenario)
     }
 
@@ -60,7 +60,7 @@ impl Sums {
         let mut of = read_part(path, scenario)?;
         let mut sums = Sums::none(scenario);
         sums.frames = of.frame;
-        sums.persist(&mut of.snapshot, scenario).map_err(|cause| part(path, &cause))?;
+        sums.persist(&mut of.snapshot, scenario).map_err(|cause| unusable(path, &cause))?;
         Ok(sums)
     }
 
@@ -105,10 +105,6 @@ impl Sums {
     }
 }
 
-fn part(path: &Path, cause: &SnapshotError) -> ManyError {
-    ManyError::Part { path: path.to_owned(), cause: cause.to_string() }
-}
-
 /// Sums of chunks, added in pairs: two of the same number of chunks at a time, as they come.
 #[derive(Default)]
 struct Pairs(Vec<(u32, Moments)>);
@@ -144,7 +140,7 @@ fn sum(mut a: Moments, b: &Moments) -> Result<Moments, ManyError> {
 /// Sums over the frames of a log, in the coordinates of a dictionary.
 ///
 /// # Errors
-/// None that a log that fits can meet.
+/// A log of which not all frames can be used.
 pub fn sums(setting: &Setting, log: &Log, dictionary: &Dictionary) -> Result<Sums, ManyError> {
     let scenario = &setting.scenario;
     let mut all = Sums::none(scenario);

@@ -106,6 +106,8 @@ impl PlaceMap {
 pub(super) type Cell = ([i32; 2], usize);
 pub(super) type BySquare<T> = Hashed<[i32; 2], T>;
 pub(super) type Hashed<K, T> = HashMap<K, T, BuildHasherDefault<Mix>>;
+
+/// Squares are looked up thousands of times for each image, and nobody chooses them to collide: few multiplications are enough.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Mix(u64);
 
