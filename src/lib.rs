@@ -134,6 +134,8 @@ pub mod evaluate;
 pub mod experiment;
 #[cfg(feature = "agent")]
 pub mod export;
+#[cfg(feature = "live")]
+pub mod fleet;
 #[cfg(feature = "agent")]
 pub mod gpu;
 pub mod kernel;

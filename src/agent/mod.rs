@@ -12,6 +12,8 @@
 //! that was asked for at frame t takes effect at frame t + L exactly: the actor that acts waits for it there, and until
 //! then goes on with the model it has. Nothing else waits for a solver, so results do not depend on the threads' timing.
 //!
+//! In a [`Fleet`] learn, solve and fit are elsewhere: frames are handed over in batches, and models come back.
+//!
 //! Between two actions the act actor can send a snapshot of the run the same way: each actor adds its state
 //! ([`SnapshotSettings`]), and a run goes on from there as if it had not been interrupted.
 //!
@@ -26,12 +28,14 @@ mod run;
 mod runtime;
 
 pub use actors::evaluate::CurvePoint;
+pub use actors::fleet::{Batch, Fleet};
+pub use actors::messages::Update;
 pub use error::{LearnError, RunError};
 pub use memory::{Memory, machine_memory};
 pub use run::{Outcome, RunOptions, run};
 pub use runtime::checkpoint::{
     CHECKPOINT_NAME, CheckpointError, STATE_NAME, SavedState, checkpoint_bytes, read_checkpoint, read_state,
-    write_checkpoint, write_state,
+    state_bytes, write_checkpoint, write_state,
 };
 pub use runtime::clock::Timing;
 pub use runtime::controls::{Controls, Marking, TooMany};
@@ -39,11 +43,12 @@ pub use runtime::marker::SnapshotSettings;
 pub use runtime::status::{Status, StatusValues, peak_resident_bytes, resident_bytes};
 pub use runtime::timing::RecordedEvents;
 
-/// The steps of a run, for who learns from many recordings at once.
+/// The steps of a run, for who learns from many recordings or robots at once.
 pub(crate) mod steps {
+    pub use super::actors::act::answer;
     pub use super::actors::fit::FitPolicies;
     pub use super::actors::learn::saved::{PlaceWindow, put_window, take_window};
-    pub use super::actors::learn::{Sample, Transitions};
+    pub use super::actors::learn::{Learn, Sample, Seen, Transitions};
     pub use super::actors::messages::{Marked, SolveRequest};
     pub use super::actors::perceive::Perceive;
     pub use super::actors::saved::{Observations, SavedMark};

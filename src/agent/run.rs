@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 use super::actors::act::{Act, ActLoop, ActState};
 use super::actors::evaluate::{self, CurvePoint};
 use super::actors::fit::{FitLoop, FitPolicies};
+use super::actors::fleet::{Fleet, Gather, exchange};
 use super::actors::learn::{Learn, LearnLoop, Seen};
 use super::actors::messages::{FitRequest, Item, Percept, SolveRequest, Update};
 use super::actors::perceive::{Perceive, PerceiveLoop};
@@ -18,7 +19,7 @@ use super::actors::source::SourceLoop;
 use super::actors::{health, save};
 use super::error::RunError;
 use super::runtime::checkpoint::{CHECKPOINT_NAME, checkpoint_bytes};
-use super::runtime::clock::Timing;
+use super::runtime::clock::{Clock, Timing};
 use super::runtime::controls::Controls;
 use super::runtime::interleaving::Interleaving;
 use super::runtime::marker::{Quiescence, SnapshotSettings};
@@ -32,7 +33,7 @@ use crate::log::{RunLog, RunTotals};
 use crate::policy::{Learned, Tally};
 use crate::random::fix_parallelism;
 use crate::robot::Action;
-use crate::scenario::{Plan, Renderer, Scenario, WhenBehind};
+use crate::scenario::{Mode, Plan, Renderer, Scenario, WhenBehind};
 use crate::snapshot::Snapshot;
 use crate::source::{Frame, Source};
 
@@ -58,6 +59,8 @@ pub struct RunOptions<'a> {
     pub state: Option<Snapshot>,
     /// Evaluations before that state.
     pub curve: Vec<CurvePoint>,
+    /// Who learns in place of the run itself. The state of such a run is not saved.
+    pub fleet: Option<Box<dyn Fleet + 'a>>,
     /// Who renders camera images, where a scenario leaves that open.
     pub rendered_by: Option<&'a (dyn Fn() -> Option<Choice> + Sync)>,
     /// Times real time at which the log's timed flushes follow the stamps of its messages; `None`: they follow the clock.
@@ -78,6 +81,7 @@ impl<'a> RunOptions<'a> {
             keep: None,
             state: None,
             curve: Vec::new(),
+            fleet: None,
             rendered_by: None,
             flush_by_stamps: None,
         }
@@ -114,6 +118,8 @@ pub struct Outcome {
     pub kernel_values_by: Option<Choice>,
     /// Why the last state of the run could not be kept, if it could not: the run then goes on from its log.
     pub not_saved: Option<String>,
+    /// Which frames the learner of a fleet did not take, and why; none without one.
+    pub not_taken: Option<String>,
     /// The log.
     pub log: RunTotals,
 }
@@ -141,7 +147,7 @@ pub(super) fn run_interleaved(
     plan: &Arc<Plan>,
     source: &mut (dyn Source + Send),
     log: RunLog,
-    options: RunOptions<'_>,
+    mut options: RunOptions<'_>,
     interleaving: Option<&Arc<Interleaving>>,
 ) -> Result<Outcome, RunError> {
     fix_parallelism();
@@ -191,6 +197,12 @@ pub(super) fn run_interleaved(
         snapshot.inner("solve", &mut solve)?;
         snapshot.inner("fit", &mut fit)?;
     }
+    if let Some(update) = options.fleet.as_mut().and_then(|fleet| fleet.newest()) {
+        match scenario.agent.mode {
+            Mode::Lockstep => acting.waiting.push_back((update.asked_at, Some(update))),
+            Mode::Realtime => drop(updates_out.put(update)),
+        }
+    }
     let agent = &scenario.agent;
     // A recording has dropped already what it dropped.
     let drops = agent.when_behind == WhenBehind::Drop && options.recording.is_none();
@@ -226,14 +238,29 @@ pub(super) fn run_interleaved(
         let perceiving =
             PerceiveLoop { percepts: percepts_out, seen: seen_out, drops, record: record.clone(), status, quiescence };
         let perceive = threads.start("perceive", move || Ok(perceiving.run(perceiver, &frames_in)))?;
-        let learning = LearnLoop { solve: solve_out, record, status, quiescence };
-        let learn = threads.start("learn", move || learning.run(learner, &seen_in))?;
-        let solver = threads.start("solve", move || Ok(solve.run(&solve_in, &fit_out)))?;
-        // Who computes changes no number, and a log of interleaved actors says nothing of it.
-        let (record, reports_device) = (recorder.clone(), interleaving.is_none());
-        let fitting =
-            FitLoop { requests: fit_in, updates: updates_out, save: save_out, record, status, reports_device };
-        let fitter = threads.start("fit", move || Ok(fitting.run(fit)))?;
+        let (learn, solvers, exchanged) = match options.fleet {
+            None => {
+                let learning = LearnLoop { solve: solve_out, record, status, quiescence };
+                let learn = threads.start("learn", move || learning.run(learner, &seen_in))?;
+                let solver = threads.start("solve", move || Ok(solve.run(&solve_in, &fit_out)))?;
+                // Who computes changes no number, and a log of interleaved actors says nothing of it.
+                let (record, reports_device) = (recorder.clone(), interleaving.is_none());
+                let fitting =
+                    FitLoop { requests: fit_in, updates: updates_out, save: save_out, record, status, reports_device };
+                (learn, Some((solver, threads.start("fit", move || Ok(fitting.run(fit)))?)), None)
+            }
+            Some(mut fleet) => {
+                // Nobody sends there.
+                drop((solve_out, fit_out, save_out));
+                let (batches, batches_in, gauge) = queue("fleet", 1, interleaving);
+                status.watch(gauge);
+                let gather = Gather { timing: timing.clone(), batches, record };
+                let learn = threads.start("learn", move || Ok(gather.run(&seen_in)))?;
+                let stop = options.stop;
+                let exchanging = move || Ok(exchange(&mut *fleet, &batches_in, &updates_out, status, stop));
+                (learn, None, Some(threads.start("fleet", exchanging)?))
+            }
+        };
         let (record, keep) = (recorder.clone(), options.keep.as_ref());
         let keeper = threads.start("save", move || save::run(&save_in, keep, scenario, &record))?;
         let (record, evaluator, checkpoint) = (recorder.clone(), options.evaluator, options.checkpoint);
@@ -272,7 +299,9 @@ pub(super) fn run_interleaved(
                 Ok(())
             })?);
         }
-        let parts = (act.join(), perceive.join(), learn.join(), solver.join(), fitter.join(), evaluations.join());
+        let parts = (act.join(), perceive.join(), learn.join(), evaluations.join());
+        let solvers = solvers.map(|(solver, fitter)| (solver.join(), fitter.join()));
+        let exchanged = exchanged.map(|thread| thread.join());
         let not_saved = keeper.join().ok().flatten().flatten();
         over.store(true, Ordering::Relaxed);
         let _ = health.map(|health| health.join());
@@ -293,9 +322,9 @@ pub(super) fn run_interleaved(
         }
         drop(recorder);
         let log = log_thread.join();
-        Ok((parts, not_saved, log, failure))
+        Ok((parts, (solvers, exchanged), not_saved, log, failure))
     });
-    let ((act, perceive, learn, solver, fitter, evaluations), not_saved, log, failure) = parts?;
+    let ((act, perceive, learn, evaluations), (solvers, exchanged), not_saved, log, failure) = parts?;
     if let Some(error) = failure.or_else(|| failed.lock().unwrap_or_else(PoisonError::into_inner).take()) {
         return Err(error);
     }
@@ -305,8 +334,16 @@ pub(super) fn run_interleaved(
     let acted = act.ok().flatten().ok_or_else(|| lost("act"))?;
     let frames = perceive.ok().flatten().ok_or_else(|| lost("perceive"))?;
     let learned = learn.ok().flatten().ok_or_else(|| lost("learn"))?;
-    let resolve = solver.ok().flatten().ok_or_else(|| lost("solve"))?;
-    let (refit, kernel_values_by) = fitter.ok().flatten().ok_or_else(|| lost("fit"))?;
+    let (mut resolve, mut refit, mut kernel_values_by, mut not_taken) = (Clock::new(), Clock::new(), None, None);
+    if let Some((solver, fitter)) = solvers {
+        resolve = solver.ok().flatten().ok_or_else(|| lost("solve"))?;
+        (refit, kernel_values_by) = fitter.ok().flatten().ok_or_else(|| lost("fit"))?;
+    }
+    if let Some(thread) = exchanged {
+        (not_taken, refit) = thread.ok().flatten().ok_or_else(|| lost("fleet"))?;
+    }
+    // A robot of a fleet has the dictionary of its model.
+    let of_model = acted.learned.as_ref().map_or(0, |learned| learned.model.members.ncols());
     Ok(Outcome {
         learned: acted.learned,
         without_model: acted.without_model,
@@ -314,7 +351,7 @@ pub(super) fn run_interleaved(
         frames,
         quarantined: learned.quarantined,
         seconds: begin.elapsed().saturating_sub(paused).as_secs_f64(),
-        support_vectors: learned.support_vectors,
+        support_vectors: learned.support_vectors.max(of_model),
         nu: learned.nu,
         curve: evaluations.ok().flatten().ok_or_else(|| lost("evaluate"))?,
         timing: Timing {
@@ -331,6 +368,7 @@ pub(super) fn run_interleaved(
         dropped: status.now().dropped,
         kernel_values_by,
         not_saved,
+        not_taken,
         log: log.ok().flatten().ok_or_else(|| lost("log"))?,
     })
 }

@@ -11,10 +11,11 @@ use std::time::Duration;
 use super::robot::{self, Voice};
 use super::{Ending, print, print_json, progress, report};
 use crate::agent::{
-    self, CHECKPOINT_NAME, Controls, CurvePoint, Outcome, RecordedEvents, RunOptions, STATE_NAME, SnapshotSettings,
-    Status,
+    self, CHECKPOINT_NAME, Controls, CurvePoint, Fleet, Outcome, RecordedEvents, RunOptions, STATE_NAME,
+    SnapshotSettings, Status,
 };
 use crate::evaluate::{Evaluator, decode_pose};
+use crate::fleet::Connection;
 use crate::live::SetWhenDropped;
 use crate::live::serve::{ServedRun, Server};
 use crate::log::{Folder, LogOptions, Rotation, RunLog};
@@ -26,6 +27,9 @@ use crate::soak::Sampler;
 use crate::source::Source;
 use crate::source::live::Switches;
 use crate::world::World;
+
+/// Says of a log that its models are from the learner of a fleet.
+pub const FLEET: &str = "fleet";
 
 /// A run that is to be made in a folder.
 pub struct Drive<'a> {
@@ -51,6 +55,8 @@ pub struct Drive<'a> {
     /// Where a page shows it.
     pub server: Option<&'a Server>,
     pub origin: Origin,
+    /// Who learns in its place.
+    pub fleet: Option<Connection>,
     /// Whether the state of the run is saved now and then, so that it can go on from there.
     pub keep: bool,
     /// The state that it goes on from.
@@ -86,6 +92,7 @@ impl<'a> Drive<'a> {
             sampler: None,
             server: None,
             origin: Origin::default(),
+            fleet: None,
             keep: false,
             state: None,
             curve: Vec::new(),
@@ -114,7 +121,7 @@ impl<'a> Drive<'a> {
         let rendered_by = || world.appearance.rendered_by();
         let outcome = watched(self.quiet, likely, self.sampler, |status| {
             let options = RunOptions {
-                controls: self.keep.then_some(&*controls),
+                controls: (self.keep || self.fleet.is_some()).then_some(&*controls),
                 checkpoint: Some(&checkpoint),
                 evaluator: evaluator.as_ref(),
                 recording: self.recording,
@@ -124,6 +131,7 @@ impl<'a> Drive<'a> {
                     .then(|| SnapshotSettings { path: state.clone(), every: scenario.agent.snapshot_every() }),
                 state: self.state,
                 curve: self.curve,
+                fleet: self.fleet.map(|fleet| Box::new(fleet) as Box<dyn Fleet>),
                 rendered_by: Some(&rendered_by),
                 ..RunOptions::new(self.stop, status)
             };
@@ -149,6 +157,9 @@ impl<'a> Drive<'a> {
         }
         if let Some(reason) = &outcome.not_saved {
             eprintln!("warning: {reason}: the run would go on from its log alone");
+        }
+        if let Some(reason) = &outcome.not_taken {
+            eprintln!("warning: {reason}");
         }
         if outcome.log.deleted_files > 0 {
             let (files, bytes) = (outcome.log.deleted_files, outcome.log.deleted_bytes as f64 / 1e6);
@@ -274,6 +285,9 @@ pub fn metadata(scenario: &Scenario, origin: &Origin) -> BTreeMap<String, String
     ]);
     if origin.elsewhere {
         metadata.insert(ROOM.0.to_owned(), ROOM.1.to_owned());
+    }
+    if origin.fleet {
+        metadata.insert(FLEET.to_owned(), "true".to_owned());
     }
     if let Some(of) = &origin.replay_of {
         metadata.insert("replay_of".to_owned(), of.clone());

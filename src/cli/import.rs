@@ -32,7 +32,8 @@ pub fn import(args: &ReplayArgs, file: &Path, stop: &AtomicBool) -> Result<(), E
     let mut source = Imported::open(scenario.clone(), &survey, &roles)?;
     let run = folder::create(args.out.as_deref(), &scenario)?;
     let result = (|| {
-        let origin = Origin { part: 0, replay_of: Some(args.run.display().to_string()), elsewhere: args.no_evaluate };
+        let (replay_of, elsewhere) = (Some(args.run.display().to_string()), args.no_evaluate);
+        let origin = Origin { replay_of, elsewhere, ..Origin::default() };
         let log = drive::begin(&run, &scenario, &origin)?;
         let drive = Drive {
             likely_actions: Some((scenario.actions / scenario.robot.frames_per_action) as u64),

@@ -17,6 +17,7 @@ use crate::learn::{
     Candidates, Dictionary, Job, LeftOut, Log, ManyError, Recordings, Setting, Sums, Work, first_dictionary, merge,
     model, union,
 };
+use crate::policy::Learned;
 use crate::random::fix_parallelism;
 use crate::replay::Recording;
 use crate::report::{self, Numbered, Program, RunInfo, tasks_table};
@@ -27,15 +28,16 @@ use crate::world::World;
 const ROUNDS: usize = 6;
 /// Where parts are, in the folder of the result.
 const PARTS: &str = "parts";
-const SCENARIO: &str = "scenario.toml";
+/// The complete scenario, in the folder of a result.
+pub const SCENARIO: &str = "scenario.toml";
 const REPORT: &str = "report.json";
 
-/// `report.json` of what was learned from many logs: keys as in that of a run, and `learned_from`.
+/// `report.json` of what was learned from many logs or robots: keys as in that of a run, and `learned_from`.
 #[derive(Serialize)]
-pub struct Report {
+pub struct Report<F = LearnedFrom> {
     adagio: Program,
     scenario: RunInfo,
-    learned_from: LearnedFrom,
+    pub(super) learned_from: F,
     dictionary: report::Dictionary,
     model: report::Model,
     tasks: Vec<TaskResult>,
@@ -44,8 +46,9 @@ pub struct Report {
     digest: String,
 }
 
+/// Logs that a model is of.
 #[derive(Default, Serialize)]
-struct LearnedFrom {
+pub struct LearnedFrom {
     logs: Vec<PathBuf>,
     left_out: Vec<String>,
     frames: u64,
@@ -223,28 +226,39 @@ fn finish(
     let (frames, largest_residual) = (sums.frames(), sums.residual);
     let made = model(setting, dictionary, sums).map_err(ending)?;
     made.notes.iter().for_each(|note| eprintln!("warning: {note}"));
-    let learned = made.learned;
-    write_checkpoint(&out.join(CHECKPOINT_NAME), &checkpoint_bytes(&learned, scenario)?)?;
-    let seconds = begin.elapsed().as_secs_f64();
+    let (transitions, seconds) = (made.transitions, begin.elapsed().as_secs_f64());
+    let from = LearnedFrom { frames, largest_residual, transitions, seconds, ..from };
+    conclude((scenario, world), (&made.learned, Some(dictionary.nu())), from, out, (evaluate, quiet))
+}
+
+/// Keep what was learned in a folder, try it, and report it.
+pub fn conclude<F: Serialize>(
+    (scenario, world): (&Arc<Scenario>, &Arc<World>),
+    (learned, nu): (&Learned, Option<f64>),
+    learned_from: F,
+    out: &Path,
+    (evaluate, quiet): (bool, bool),
+) -> Result<Report<F>, Ending> {
+    write_checkpoint(&out.join(CHECKPOINT_NAME), &checkpoint_bytes(learned, scenario)?)?;
     let (mut tasks, mut pose_decode) = (Vec::new(), None);
     if evaluate {
         if !quiet {
             eprintln!("evaluating {} starts per task, with and without reflexes", scenario.evaluate.starts);
         }
         let evaluator = Evaluator::new(scenario.clone(), world.clone(), scenario.evaluate.starts, scenario.seed);
-        tasks = evaluator.evaluate(&learned, true);
-        pose_decode = decode_pose(scenario, world, &learned, scenario.seed)
+        tasks = evaluator.evaluate(learned, true);
+        pose_decode = decode_pose(scenario, world, learned, scenario.seed)
             .inspect_err(|error| eprintln!("warning: the pose cannot be decoded: {error}"))
             .ok();
     }
     let said = Report {
         adagio: Program::this(),
         scenario: RunInfo { name: scenario.name.clone(), seed: scenario.seed, sha256: scenario.sha256() },
-        learned_from: LearnedFrom { frames, largest_residual, transitions: made.transitions, seconds, ..from },
+        learned_from,
         dictionary: report::Dictionary {
-            support_vectors: dictionary.members().ncols(),
-            sigma: dictionary.sigma,
-            nu: Some(dictionary.nu()),
+            support_vectors: learned.model.members.ncols(),
+            sigma: learned.model.kernel.sigma().unwrap_or(f64::NAN),
+            nu,
         },
         model: report::Model {
             epoch: learned.epoch,
@@ -261,13 +275,27 @@ fn finish(
     Ok(said)
 }
 
+impl<F> Report<F> {
+    /// How features and policies came out.
+    pub fn outcome(&self) -> String {
+        format!(
+            "{} features, slowness {:.3} to {:.3} /s²\n\n{}\ndigest {}\n",
+            self.model.features,
+            self.model.slowness.first().copied().unwrap_or(f64::NAN),
+            self.model.slowness.last().copied().unwrap_or(f64::NAN),
+            tasks_table(&self.tasks, self.pose_decode.as_ref()),
+            self.digest
+        )
+    }
+}
+
 fn text(said: &Report) -> String {
     let from = &said.learned_from;
     let settled =
         if from.settled { "" } else { ", and there would be more (dictionary.budget is used up, or rounds are)" };
     format!(
-        "{}: {} frames of {} logs in {:.0} s\n{} support vectors (sigma {:.0}, nu {}) in {} rounds{settled}, {} features, slowness {:.3} to \
-         {:.3} /s²\na frame lacks at most {:.4} of itself\n\n{}\ndigest {}\n",
+        "{}: {} frames of {} logs in {:.0} s\n{} support vectors (sigma {:.0}, nu {}) in {} rounds{settled}; a frame lacks at most {:.4} of \
+         itself\n{}",
         said.scenario.name,
         Numbered(from.frames),
         from.logs.len(),
@@ -276,12 +304,8 @@ fn text(said: &Report) -> String {
         said.dictionary.sigma,
         said.dictionary.nu.unwrap_or(f64::NAN),
         from.rounds,
-        said.model.features,
-        said.model.slowness.first().copied().unwrap_or(f64::NAN),
-        said.model.slowness.last().copied().unwrap_or(f64::NAN),
         from.largest_residual,
-        tasks_table(&said.tasks, said.pose_decode.as_ref()),
-        said.digest
+        said.outcome()
     )
 }
 

@@ -9,6 +9,7 @@ mod drive;
 mod evaluate;
 mod experiment;
 pub mod export;
+mod fleet;
 mod folder;
 mod forecast;
 mod import;
@@ -105,6 +106,8 @@ pub enum Command {
     Replay(ReplayArgs),
     /// Learn one model from many logs, on several processes or machines: the same bits on any number of them.
     Learn(LearnArgs),
+    /// Learn from several robots while they drive: each is an `adagio run --fleet`, and all of them act on what all have seen.
+    Fleet(FleetArgs),
     /// For `learn` on an engine of your own: what a log has that a dictionary lacks.
     Members(PartArgs),
     /// For `learn` on an engine of your own: a log's sums over a dictionary, and its transitions.
@@ -159,6 +162,12 @@ pub struct RunArgs {
     /// The token that the page of --serve asks for, 16 to 128 letters [default: a random one, on loopback none].
     #[arg(long, env = "ADAGIO_TOKEN", hide_env_values = true)]
     pub token: Option<String>,
+    /// Learn with others: frames go to the learner at this address (`adagio fleet`), and models come from there.
+    #[arg(long, value_name = "ADDR", value_parser = parse_address, requires = "fleet_token")]
+    pub fleet: Option<SocketAddr>,
+    /// The token of that learner.
+    #[arg(long, value_name = "TOKEN", env = "ADAGIO_FLEET_TOKEN", hide_env_values = true)]
+    pub fleet_token: Option<String>,
     /// No progress on stderr.
     #[arg(long)]
     pub quiet: bool,
@@ -192,6 +201,37 @@ pub struct LearnArgs {
     /// this program, the logs and the folder of the result under the same names.
     #[arg(long, value_name = "FILE")]
     pub hosts: Option<PathBuf>,
+    /// Do not try policies in the scenario's simulated world.
+    #[arg(long)]
+    pub no_evaluate: bool,
+    /// No progress on stderr.
+    #[arg(long)]
+    pub quiet: bool,
+    /// Print report.json instead of a table.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `adagio fleet`.
+#[derive(Debug, Args)]
+pub struct FleetArgs {
+    /// Scenario file. Robots have the same camera, actions, tasks and settings of learning.
+    pub scenario: PathBuf,
+    /// Change a key of the scenario; repeatable.
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+    /// Robots that are waited for before the first model is made; more may join at any time.
+    #[arg(long, value_name = "N", default_value = "1")]
+    pub robots: std::num::NonZero<u16>,
+    /// Where robots find it; other machines only reach an address that is not loopback.
+    #[arg(long, value_name = "ADDR", default_value = "127.0.0.1:0", value_parser = parse_address)]
+    pub listen: SocketAddr,
+    /// The token that robots must know, 16 to 128 letters [default: a random one, which is printed].
+    #[arg(long, env = "ADAGIO_FLEET_TOKEN", hide_env_values = true)]
+    pub token: Option<String>,
+    /// Folder for the result: a new one, or that of a learner that was interrupted [default: a new one under logs/].
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
     /// Do not try policies in the scenario's simulated world.
     #[arg(long)]
     pub no_evaluate: bool,
@@ -525,7 +565,7 @@ pub fn finishes(command: &Command) -> Option<&'static str> {
         Command::Run(_) | Command::Replay(_) | Command::Resume(_) | Command::Soak(_) => {
             Some("the log is closed and the report written")
         }
-        Command::Experiment(_) | Command::Learn(_) => Some("what is done is kept"),
+        Command::Experiment(_) | Command::Fleet(_) | Command::Learn(_) => Some("what is done is kept"),
         Command::Watch(args) if !args.once => Some("the terminal is given back"),
         _ => None,
     }
@@ -543,6 +583,7 @@ pub fn dispatch(cli: Cli, stop: &Arc<AtomicBool>) -> Result<(), Ending> {
         Command::Evaluate(args) => evaluate::evaluate(&args),
         Command::Replay(args) => replay::replay(&args, stop),
         Command::Learn(args) => learn::learn(&args, stop),
+        Command::Fleet(args) => fleet::fleet(&args, stop),
         Command::Members(args) => learn::part(&args, &Job::Members),
         Command::Moments(args) => learn::part(&args, &Job::Moments),
         Command::Merge(args) => learn::merge_parts(&args),

@@ -111,8 +111,8 @@ impl Session {
         let (stop, of_run) = (Arc::new(AtomicBool::new(false)), run.clone());
         let (stopped, of_scenario) = (stop.clone(), scenario.clone());
         let thread = spawn(move || {
-            let extras = Extras { quiet: true, report: true, sampler: None, server: None };
-            in_folder(&of_scenario, &world, robot(source, &stopped), &of_run, &extras, &stopped)
+            let extras = Extras { quiet: true, report: true, sampler: None, server: None, fleet: None };
+            in_folder(&of_scenario, &world, robot(source, &stopped), &of_run, extras, &stopped)
         })?;
         Ok(Session::of(scenario, run, Some(driver), stop, thread))
     }

@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use serde::Serialize;
 
-use super::drive::{self, Drive, log_options, watched};
+use super::drive::{self, Drive, FLEET, log_options, watched};
 use super::{Ending, ReplayArgs, folder, import, print, print_json};
 use crate::agent::{self, RunOptions};
 use crate::log::RunLog;
@@ -66,10 +66,11 @@ fn again(
 ) -> Result<(), Ending> {
     let run = folder::create(args.out.as_deref(), &scenario)?;
     let result = (|| {
-        let origin = Origin { part: 0, replay_of: Some(args.run.display().to_string()), elsewhere: args.no_evaluate };
+        let (replay_of, elsewhere) = (Some(args.run.display().to_string()), args.no_evaluate);
+        let origin = Origin { replay_of, elsewhere, ..Origin::default() };
         let log = drive::begin(&run, &scenario, &origin)?;
         let mut source = Recorded::new(scenario.clone(), recording.records());
-        let unchanged = args.set.is_empty();
+        let unchanged = args.set.is_empty() && !recording.metadata.contains_key(FLEET);
         let drive = Drive {
             recording: unchanged.then_some(&recording.events),
             most_actions: Some(recording.events.decisions()),
@@ -111,6 +112,12 @@ fn verify(
 ) -> Result<(), Ending> {
     if !args.set.is_empty() {
         return Err(Ending::Usage("--verify repeats a run as it was: --set cannot be given with it".into()));
+    }
+    if recording.metadata.contains_key(FLEET) {
+        return Err(Ending::Failed(format!(
+            "{} cannot be verified: its models were made of what other robots saw, too; without --verify it is learned from alone",
+            args.run.display()
+        )));
     }
     if recording.first_frame > 0 {
         return Err(Ending::Failed(format!(

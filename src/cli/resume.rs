@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use super::drive::{self, Drive, log_options, metadata};
+use super::drive::{self, Drive, FLEET, log_options, metadata};
 use super::robot::{self, Robot};
 use super::{Ending, ResumeArgs};
 use crate::agent::{STATE_NAME, SavedState, read_state};
@@ -38,6 +38,12 @@ pub fn resume(args: &ResumeArgs, stop: &Arc<AtomicBool>) -> Result<(), Ending> {
 pub fn can_go_on(run: &Path, recording: &Recording) -> Result<(), String> {
     if let Some(of) = recording.metadata.get("replay_of") {
         return Err(format!("{} is a replay of {of}: there is no robot to go on with", run.display()));
+    }
+    if recording.metadata.contains_key(FLEET) {
+        return Err(format!(
+            "{} is of a robot of a fleet, whose learner has its state: begin a new run with --fleet, which acts on the newest model",
+            run.display()
+        ));
     }
     let recorded = recording.metadata.get("version").map_or("unknown", String::as_str);
     let version = Program::this().version;

@@ -8,6 +8,7 @@ use super::drive::{self, Drive};
 use super::robot::{self, Robot};
 use super::{Ending, RunArgs, folder, ros_args};
 use crate::agent::{self, Memory};
+use crate::fleet::{Connection, FleetError};
 use crate::live::serve::{ServeError, Server};
 use crate::report::{Origin, Report};
 use crate::scenario::{OverMemory, Scenario, ScenarioError};
@@ -27,6 +28,7 @@ pub fn run(args: &RunArgs, stop: &Arc<AtomicBool>) -> Result<(), Ending> {
     let scenario = Arc::new(scenario);
     // Before there is a folder: an address that is taken, or a robot that is not there, leaves nothing behind.
     let server = server(args)?;
+    let fleet = join(args, &scenario)?;
     let world = Arc::new(World::new(&scenario)?);
     let robot = robot::open(&scenario, &world, stop, None)?;
     let run = folder::create(args.out.as_deref(), &scenario)?;
@@ -34,8 +36,9 @@ pub fn run(args: &RunArgs, stop: &Arc<AtomicBool>) -> Result<(), Ending> {
         eprintln!("the run can be watched at {}", server.url());
         server.warning().into_iter().for_each(|warning| eprintln!("warning: {warning}"));
     }
-    let extras = Extras { quiet: args.quiet, report: !args.no_report, sampler: None, server: server.as_ref() };
-    drive::ending(in_folder(&scenario, &world, robot, &run, &extras, stop), &run, args.json)
+    let (report, server) = (!args.no_report, server.as_ref());
+    let extras = Extras { quiet: args.quiet, report, sampler: None, server, fleet };
+    drive::ending(in_folder(&scenario, &world, robot, &run, extras, stop), &run, args.json)
 }
 
 /// The page that is asked for, if one is.
@@ -45,6 +48,19 @@ fn server(args: &RunArgs) -> Result<Option<Server>, Ending> {
         ServeError::Token(_) => Ending::Usage(error.to_string()),
         ServeError::Bind { .. } => error.into(),
     })
+}
+
+/// The learner of the fleet that it joins, if it does.
+fn join(args: &RunArgs, scenario: &Scenario) -> Result<Option<Connection>, Ending> {
+    let (Some(address), Some(token)) = (args.fleet, &args.fleet_token) else { return Ok(None) };
+    match Connection::join(address, token.clone(), scenario) {
+        Ok(fleet) => {
+            eprintln!("{} learns with the fleet at {address}", fleet.name());
+            Ok(Some(fleet))
+        }
+        Err(error @ FleetError::Unlike(_)) => Err(Ending::Usage(error.to_string())),
+        Err(error) => Err(error.into()),
+    }
 }
 
 /// Read a scenario; a file that cannot be read, or is not valid, or needs more memory than there is, is wrong usage.
@@ -114,6 +130,8 @@ pub struct Extras<'a> {
     pub sampler: Option<&'a Sampler>,
     /// The page of it.
     pub server: Option<&'a Server>,
+    /// Who learns in its place.
+    pub fleet: Option<Connection>,
 }
 
 /// Run a scenario in a folder that was made for it. The error is one for people.
@@ -122,17 +140,18 @@ pub fn in_folder(
     world: &Arc<World>,
     robot: Robot,
     run: &Path,
-    extras: &Extras<'_>,
+    extras: Extras<'_>,
     stop: &AtomicBool,
 ) -> Result<Report, String> {
     let Robot { mut source, switches, is_real, voice } = robot;
-    let origin = Origin { elsewhere: is_real, ..Origin::default() };
+    let origin = Origin { elsewhere: is_real, fleet: extras.fleet.is_some(), ..Origin::default() };
     let log = drive::begin(run, scenario, &origin)?;
     let drive = Drive {
         report: extras.report,
         sampler: extras.sampler,
         server: extras.server,
-        keep: true,
+        keep: extras.fleet.is_none(),
+        fleet: extras.fleet,
         origin,
         evaluate: !is_real,
         switches,

@@ -30,8 +30,8 @@ pub fn soak(args: &SoakArgs, stop: &Arc<AtomicBool>) -> Result<(), Ending> {
     let robot = robot::open(&scenario, &world, stop, None)?;
     let run = folder::create(args.out.as_deref(), &scenario)?;
     let sampler = Sampler::new(&run, scenario.actions as u64, scenario.robot.action_seconds);
-    let extras = Extras { quiet: args.quiet, report: true, sampler: Some(&sampler), server: None };
-    let soak = in_folder(&scenario, &world, robot, &run, &extras, stop)
+    let extras = Extras { quiet: args.quiet, report: true, sampler: Some(&sampler), server: None, fleet: None };
+    let soak = in_folder(&scenario, &world, robot, &run, extras, stop)
         .and_then(|report| judged(&scenario, &run, &report, &sampler))
         .map_err(|reason| drive::kept(&reason, &run))?;
     if args.json {

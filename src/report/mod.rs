@@ -132,6 +132,8 @@ pub struct Origin {
     pub part: u32,
     /// The run whose recorded frames it was given.
     pub replay_of: Option<String>,
+    /// Its models are from the learner of a fleet.
+    pub fleet: bool,
     /// Its frames are from a room that the scenario's simulated world does not look like.
     pub elsewhere: bool,
 }

@@ -8,13 +8,13 @@ use crate::common::package_file;
 
 /// The rooms: none imports one that stands after it.
 const ROOMS: &str = "random snapshot kernel dictionary regression slow value log gpu robot scenario vision policy source ros2 world \
-    evaluate agent replay learn export report live experiment soak cli";
+    evaluate agent replay learn export report live fleet experiment soak cli";
 /// Rooms that import only each other, and these rooms and crates.
 const PURE: &str = "kernel dictionary regression slow value";
 const BELOW_PURE: &str = "random snapshot";
 const CRATES_OF_PURE: &str = "faer pulp rand rand_chacha rand_distr libm thiserror serde serde_json rayon";
 /// What nothing in a folder imports.
-const APART: [(&str, &str); 8] = [
+const APART: [(&str, &str); 9] = [
     ("agent::runtime", "agent::actors"),
     ("agent::runtime", "agent::run"),
     // `agent/interleavings.rs` is compiled for tests only.
@@ -23,6 +23,7 @@ const APART: [(&str, &str); 8] = [
     ("agent::run", "world"),
     ("replay", "world"),
     ("learn", "world"),
+    ("fleet", "world"),
     ("export", "world"),
 ];
 

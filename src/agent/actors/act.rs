@@ -208,7 +208,7 @@ fn percept(snapshot: &mut Snapshot, percept: &mut Option<Percept>) -> Result<(),
 }
 
 /// An answer to a request, on its way.
-fn answer(snapshot: &mut Snapshot, update: &mut Option<Update>) -> Result<(), SnapshotError> {
+pub fn answer(snapshot: &mut Snapshot, update: &mut Option<Update>) -> Result<(), SnapshotError> {
     let mut asked_at = update.as_ref().map_or(0, |update| update.asked_at);
     let mut transitions = update.as_ref().map_or(0, |update| update.transitions);
     let mut reason = update.as_ref().and_then(|update| update.learned.as_ref().err().cloned());

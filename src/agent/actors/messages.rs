@@ -92,7 +92,9 @@ pub struct FitRequest {
 /// From fit to act and assess: the answer to one request.
 #[derive(Debug, Clone)]
 pub struct Update {
+    /// The frame at which it was asked for.
     pub asked_at: u64,
+    /// What was learned, or why nothing was.
     pub learned: Result<Arc<Learned>, String>,
     /// How policy iteration went, by task.
     pub fits: Vec<Fit>,

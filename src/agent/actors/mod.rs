@@ -4,6 +4,7 @@ pub mod act;
 mod doubts;
 pub mod evaluate;
 pub mod fit;
+pub mod fleet;
 pub mod health;
 mod kernel_rows;
 pub mod learn;

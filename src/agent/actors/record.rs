@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use faer::Mat;
 
-use super::messages::{Decision, Growth, Percept, SolveRequest, Update};
+use super::messages::{Decision, Growth, Percept, Update};
 use crate::agent::runtime::queue::{Closed, Inbox, Outbox};
 use crate::agent::runtime::status::StatusValues;
 use crate::evaluate::TaskResult;
@@ -341,15 +341,11 @@ impl Recorder {
         self.write(topics::END, frame, stamp_ns, message)
     }
 
-    /// A request for a model.
-    pub fn request(&self, request: &SolveRequest) -> Result<(), Closed> {
-        let message = msg::ModelRequest {
-            header: msg::Header::new(request.stamp_ns, ""),
-            frame: request.asked_at,
-            frames: request.frames,
-            transitions: request.window.len() as u32,
-        };
-        self.write(topics::REQUEST, request.asked_at, request.stamp_ns, message)
+    /// A request for a model at a frame, which makes it `frames` frames, with so many transitions.
+    pub fn request(&self, asked_at: u64, stamp_ns: u64, frames: u64, transitions: usize) -> Result<(), Closed> {
+        let header = msg::Header::new(stamp_ns, "");
+        let message = msg::ModelRequest { header, frame: asked_at, frames, transitions: transitions as u32 };
+        self.write(topics::REQUEST, asked_at, stamp_ns, message)
     }
 
     /// A model and its policies, at the frame from which they act.

@@ -129,6 +129,19 @@ impl Tasks {
         (taken, refused)
     }
 
+    /// What is marked, in place of what was; goals that are shown are where it was.
+    pub fn set_marks(&mut self, marks: Vec<Marked>) {
+        self.marks = marks;
+        for number in 0..self.tasks.len() + self.avoids.len() {
+            let place = self.shown_place(number);
+            match number.checked_sub(self.tasks.len()) {
+                None if self.tasks[number].is_shown() => self.tasks[number].goal = place,
+                Some(avoid) if self.avoids[avoid].within.is_some() => self.avoids[avoid].at = place,
+                _ => {}
+            }
+        }
+    }
+
     /// The mean of the places that were marked as a task's, if all are known.
     fn shown_place(&self, task: usize) -> Option<[f64; 2]> {
         let places = self.marks.iter().filter(|marked| marked.task == task).map(|marked| marked.place);

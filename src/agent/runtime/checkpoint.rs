@@ -377,22 +377,40 @@ fn state_digest(head: &StateHead, matrices: &BTreeMap<String, Matrix>) -> String
     hex(&hash.finalize())
 }
 
-/// Write the state of a run: aside, synced, then renamed, so that the one before stays whole until this one is.
-///
-/// # Errors
-/// The file system refused.
-pub fn write_state(path: &Path, state: SavedState, scenario: &Scenario) -> Result<(), CheckpointError> {
+/// What a state says of itself, as metadata of a file.
+fn state_metadata(
+    state: SavedState,
+    scenario: &Scenario,
+) -> Result<(BTreeMap<String, Matrix>, HashMap<String, String>), CheckpointError> {
     let SavedState { snapshot: Snapshot { matrices, texts, .. }, frame, stamp_ns } = state;
     let (version, scenario_sha256) = (env!("CARGO_PKG_VERSION").to_owned(), scenario.sha256());
     let mut head = StateHead { version, scenario_sha256, frame, stamp_ns, texts, digest: String::new() };
     head.digest = state_digest(&head, &matrices);
     let head = serde_json::to_string(&head).map_err(damaged)?;
+    Ok((matrices, HashMap::from([(METADATA.to_owned(), head)])))
+}
+
+/// The bytes of a state, for another process.
+///
+/// # Errors
+/// None of the states that there are.
+pub fn state_bytes(state: SavedState, scenario: &Scenario) -> Result<Vec<u8>, CheckpointError> {
+    let (matrices, metadata) = state_metadata(state, scenario)?;
+    let views = matrices.iter().map(|(name, matrix)| (name.as_str(), Stored::new(matrix)));
+    safetensors::serialize(views, Some(metadata)).map_err(damaged)
+}
+
+/// Write the state of a run: aside, synced, then renamed, so that the one before stays whole until this one is.
+///
+/// # Errors
+/// The file system refused.
+pub fn write_state(path: &Path, state: SavedState, scenario: &Scenario) -> Result<(), CheckpointError> {
+    let (matrices, metadata) = state_metadata(state, scenario)?;
     let mut aside = path.to_owned().into_os_string();
     aside.push(".part");
     let aside = PathBuf::from(aside);
     let failed = |cause: std::io::Error| CheckpointError::Write { path: path.to_owned(), cause };
     let views = matrices.iter().map(|(name, matrix)| (name.as_str(), Stored::new(matrix)));
-    let metadata = HashMap::from([(METADATA.to_owned(), head)]);
     safetensors::serialize_to_file(views, Some(metadata), &aside).map_err(|cause| match cause {
         SafeTensorError::IoError(cause) => failed(cause),
         other => damaged(other),

@@ -177,11 +177,11 @@ fn mark(shared: &Shared, body: &[u8]) -> Answer {
     Ok(Bytes::from_static(b"{}"))
 }
 
-fn refused(status: StatusCode, text: &str) -> Response<Full<Bytes>> {
+pub fn refused(status: StatusCode, text: &str) -> Response<Full<Bytes>> {
     response(status, JSON, bytes(&serde_json::json!({ "error": text })))
 }
 
-fn response(status: StatusCode, kind: &'static str, body: Bytes) -> Response<Full<Bytes>> {
+pub fn response(status: StatusCode, kind: &'static str, body: Bytes) -> Response<Full<Bytes>> {
     let mut response = Response::new(Full::new(body));
     *response.status_mut() = status;
     let headers = response.headers_mut();

@@ -40,6 +40,11 @@ impl std::fmt::Debug for Guard {
     }
 }
 
+/// A token that nobody guesses.
+pub fn random_token() -> String {
+    hex(&rand::random::<u128>().to_be_bytes())
+}
+
 /// Why a request is refused.
 pub type Refusal = (StatusCode, &'static str);
 
@@ -58,7 +63,7 @@ impl Guard {
             }
         }
         let loopback = address.is_loopback();
-        let random = || (!loopback).then(|| hex(&rand::random::<u128>().to_be_bytes()));
+        let random = || (!loopback).then(random_token);
         Ok(Guard { token: token.or_else(random), loopback })
     }
 

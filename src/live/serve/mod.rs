@@ -14,6 +14,7 @@ mod answer;
 mod guard;
 mod page;
 
+use std::convert::Infallible;
 use std::io;
 use std::net::{SocketAddr, TcpListener};
 use std::path::Path;
@@ -22,15 +23,19 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use hyper::body::Bytes;
+use http_body_util::Full;
+use hyper::body::{Bytes, Incoming};
 use hyper::server::conn::http1;
 use hyper::service::service_fn;
+use hyper::{Request, Response};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use serde::Serialize;
 use thiserror::Error;
 use tokio::sync::Semaphore;
 
 pub use address::{AddressError, parse_address};
+pub(crate) use answer::{refused, response};
+pub(crate) use guard::random_token;
 pub use guard::{Guard, TokenError};
 
 use super::SetWhenDropped;
@@ -206,40 +211,58 @@ impl Server {
 
     /// The server thread: all clients, until the run is over.
     fn listen(&self, shared: &Arc<Shared>, stop: &AtomicBool, gone: &AtomicBool) -> io::Result<()> {
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-        let listener = self.listener.try_clone()?;
-        runtime.block_on(async {
-            let listener = tokio::net::TcpListener::from_std(listener)?;
-            let room = Arc::new(Semaphore::new(MOST_CONNECTIONS));
-            while !gone.load(Ordering::Relaxed) {
-                if shared.stop.swap(false, Ordering::Relaxed) && !stop.swap(true, Ordering::Relaxed) {
-                    eprintln!("finishing: somebody has stopped the run on its page");
-                }
-                let Ok(accepted) = tokio::time::timeout(LOOK, listener.accept()).await else { continue };
-                // Too many files are open, or a client was gone at once: later ones may have more luck.
-                let Ok((stream, _)) = accepted else {
-                    tokio::time::sleep(LOOK).await;
-                    continue;
-                };
-                let Ok(permit) = room.clone().try_acquire_owned() else { continue };
-                let shared = shared.clone();
-                tokio::spawn(async move {
-                    converse(stream, shared).await;
-                    drop(permit);
-                });
+        let over = || {
+            if shared.stop.swap(false, Ordering::Relaxed) && !stop.swap(true, Ordering::Relaxed) {
+                eprintln!("finishing: somebody has stopped the run on its page");
             }
-            Ok(())
-        })
-        // Connections end with the runtime.
+            gone.load(Ordering::Relaxed)
+        };
+        let shared = shared.clone();
+        listen(&self.listener, over, move |request| answer::answer(request, shared.clone()))
     }
 }
 
+/// Answer all clients of a listener that does not block, until it is over. Connections end with it.
+///
+/// # Errors
+/// The operating system refuses.
+pub(crate) fn listen<A, F>(listener: &TcpListener, over: impl Fn() -> bool, answer: A) -> io::Result<()>
+where
+    A: Fn(Request<Incoming>) -> F + Clone + Send + 'static,
+    F: Future<Output = Result<Response<Full<Bytes>>, Infallible>> + Send + 'static,
+{
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    let listener = listener.try_clone()?;
+    runtime.block_on(async {
+        let listener = tokio::net::TcpListener::from_std(listener)?;
+        let room = Arc::new(Semaphore::new(MOST_CONNECTIONS));
+        while !over() {
+            let Ok(accepted) = tokio::time::timeout(LOOK, listener.accept()).await else { continue };
+            // Too many files are open, or a client was gone at once: later ones may have more luck.
+            let Ok((stream, _)) = accepted else {
+                tokio::time::sleep(LOOK).await;
+                continue;
+            };
+            let Ok(permit) = room.clone().try_acquire_owned() else { continue };
+            let answer = answer.clone();
+            tokio::spawn(async move {
+                converse(stream, answer).await;
+                drop(permit);
+            });
+        }
+        Ok(())
+    })
+}
+
 /// One connection, as long as it may live.
-async fn converse(stream: tokio::net::TcpStream, shared: Arc<Shared>) {
-    let service = service_fn(move |request| answer::answer(request, shared.clone()));
+async fn converse<A, F>(stream: tokio::net::TcpStream, answer: A)
+where
+    A: Fn(Request<Incoming>) -> F,
+    F: Future<Output = Result<Response<Full<Bytes>>, Infallible>>,
+{
     let mut http = http1::Builder::new();
     http.timer(TokioTimer::new()).header_read_timeout(HEAD_TIME).max_buf_size(HEAD_BYTES);
-    let mut connection = pin!(http.serve_connection(TokioIo::new(stream), service));
+    let mut connection = pin!(http.serve_connection(TokioIo::new(stream), service_fn(answer)));
     // What goes wrong with a client is its own affair.
     if tokio::time::timeout(LIFE, connection.as_mut()).await.is_err() {
         connection.as_mut().graceful_shutdown();

@@ -5,7 +5,7 @@
 pub mod saved;
 mod thread;
 
-pub use thread::LearnLoop;
+pub use thread::{LearnLoop, LearnResult};
 
 use std::sync::Arc;
 

@@ -54,20 +54,8 @@ impl Learn {
         let mut seen = Observations::default();
         put_window(&self.transitions.window, &mut seen, snapshot)?;
         let mut last_boundary = self.transitions.last_boundary.as_ref().map(|(before, cell)| (seen.add(before), *cell));
-        let mut pending: Vec<Waiting> = self
-            .pending
-            .iter()
-            .map(|frame| Waiting {
-                frame: seen.add(&frame.observation),
-                link: frame.link.map(link_bits),
-                came_to: frame.boundary.as_ref().map(|(end, allowed)| (place_bits(end.place), *allowed)),
-                blocked: frame.boundary.as_ref().is_some_and(|(end, _)| end.blocked),
-                rewards: frame.boundary.as_ref().map_or(Vec::new(), |(end, _)| bits(&end.rewards)),
-                action: frame.action.map(Action::index),
-            })
-            .collect();
         snapshot.value("last_boundary", &mut last_boundary)?;
-        snapshot.value("pending", &mut pending)?;
+        put_samples(&self.pending, &mut seen, snapshot)?;
         seen.persist(snapshot, values)
     }
 
@@ -75,26 +63,46 @@ impl Learn {
         let mut seen = Observations::default();
         seen.persist(snapshot, values)?;
         self.transitions.window = take_window(self.scenario.value.window, &seen, snapshot)?;
-        let (mut last_boundary, mut pending): (Option<(u64, usize)>, Vec<Waiting>) = (None, Vec::new());
+        let mut last_boundary: Option<(u64, usize)> = None;
         snapshot.value("last_boundary", &mut last_boundary)?;
-        snapshot.value("pending", &mut pending)?;
         self.transitions.last_boundary = match last_boundary {
             Some((frame, cell)) => Some((seen.get(frame)?, cell)),
             None => None,
         };
-        let frame = |waiting: Waiting| {
-            Ok(Sample {
-                observation: seen.get(waiting.frame)?,
-                link: waiting.link.map(link_of),
-                boundary: waiting
-                    .came_to
-                    .map(|(place, allowed)| (end_of(place, waiting.blocked, &waiting.rewards), allowed)),
-                action: waiting.action.map(|number| action_of(snapshot, number)).transpose()?,
-            })
-        };
-        self.pending = pending.into_iter().map(frame).collect::<Result<_, SnapshotError>>()?;
+        self.pending = take_samples(&seen, snapshot)?;
         Ok(())
     }
+}
+
+/// Save frames that wait: what they show is added to `seen`.
+pub fn put_samples(samples: &[Sample], seen: &mut Observations, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
+    let waiting = |frame: &Sample| Waiting {
+        frame: seen.add(&frame.observation),
+        link: frame.link.map(link_bits),
+        came_to: frame.boundary.as_ref().map(|(end, allowed)| (place_bits(end.place), *allowed)),
+        blocked: frame.boundary.as_ref().is_some_and(|(end, _)| end.blocked),
+        rewards: frame.boundary.as_ref().map_or(Vec::new(), |(end, _)| bits(&end.rewards)),
+        action: frame.action.map(Action::index),
+    };
+    let mut pending: Vec<Waiting> = samples.iter().map(waiting).collect();
+    snapshot.value("pending", &mut pending)
+}
+
+/// Restore frames that wait.
+pub fn take_samples(seen: &Observations, snapshot: &mut Snapshot) -> Result<Vec<Sample>, SnapshotError> {
+    let mut pending: Vec<Waiting> = Vec::new();
+    snapshot.value("pending", &mut pending)?;
+    let frame = |waiting: Waiting| {
+        Ok(Sample {
+            observation: seen.get(waiting.frame)?,
+            link: waiting.link.map(link_of),
+            boundary: waiting
+                .came_to
+                .map(|(place, allowed)| (end_of(place, waiting.blocked, &waiting.rewards), allowed)),
+            action: waiting.action.map(|number| action_of(snapshot, number)).transpose()?,
+        })
+    };
+    pending.into_iter().map(frame).collect()
 }
 
 /// A transition whose observations are named by their frames.

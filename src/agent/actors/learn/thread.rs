@@ -91,7 +91,7 @@ impl LearnLoop<'_> {
         }
         let Some(request) = learned.request else { return Ok(()) };
         self.quiescence.requests.fetch_add(1, Ordering::Relaxed);
-        record.request(&request)?;
+        record.request(request.asked_at, request.stamp_ns, request.frames, request.window.len())?;
         self.solve.put(Item::Work(request))
     }
 }

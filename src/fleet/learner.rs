@@ -1,0 +1,216 @@
+//! What the learner of a fleet learns: the steps of a run, on batches of several robots.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+use crate::agent::steps::{
+    FitPolicies, Learn, Marked, ModelTiming, Observations, SavedMark, Seen, Solve, Tasks, answer, parallelism,
+};
+use crate::agent::{Batch, CheckpointError, LearnError, SavedState, Update, read_state, state_bytes, write_state};
+use crate::scenario::{Plan, Scenario};
+use crate::snapshot::{Persist, Snapshot, SnapshotError};
+use crate::vision::Observation;
+
+/// What is known of a robot.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Robot {
+    /// Which run of it: a robot that begins again counts its frames from 0.
+    pub run: u64,
+    /// Frames that were learned from.
+    pub frames: u64,
+    /// The first frame that was not learned from.
+    pub next: u64,
+}
+
+/// Dictionary, sums, window and values of a fleet.
+pub struct Learner {
+    scenario: Arc<Scenario>,
+    tasks: Tasks,
+    learn: Learn,
+    solve: Solve,
+    fit: FitPolicies,
+    /// By name.
+    robots: BTreeMap<String, Robot>,
+    /// What each robot has marked, with the numbers that its frames have there.
+    marks: BTreeMap<String, Vec<(u64, Marked)>>,
+    /// Frames of all robots, and gaps between batches, are numbered up to here.
+    end: u64,
+    /// The newest model.
+    pub update: Option<Update>,
+    /// Frames that were left out, as their values were not finite.
+    pub quarantined: u64,
+}
+
+impl Learner {
+    /// One that has learned nothing.
+    pub fn new(scenario: &Arc<Scenario>, plan: &Arc<Plan>) -> Self {
+        let (par, tasks) = (parallelism(&scenario.agent), Tasks::new(scenario, plan.clone()));
+        // Nothing is asked for by the number of frames: robots ask.
+        let timing = Arc::new(ModelTiming::Lockstep { every: u64::MAX, latency: 0 });
+        Learner {
+            learn: Learn::new(scenario.clone(), Arc::new(tasks.clone()), timing),
+            solve: Solve::new(&scenario.slow, par),
+            fit: FitPolicies::new(scenario.clone(), par),
+            scenario: scenario.clone(),
+            tasks,
+            robots: BTreeMap::new(),
+            marks: BTreeMap::new(),
+            end: 0,
+            update: None,
+            quarantined: 0,
+        }
+    }
+
+    /// What is known of robots, by name.
+    pub fn robots(&self) -> &BTreeMap<String, Robot> {
+        &self.robots
+    }
+
+    /// A robot has begun a run.
+    pub fn begin(&mut self, name: &str, run: u64) {
+        self.robots.insert(name.to_owned(), Robot { run, ..Robot::default() });
+        self.marks.remove(name);
+    }
+
+    /// Learn from what a robot has handed over; frames that are known already are passed over.
+    ///
+    /// # Errors
+    /// The dictionary refuses them, or no kernel width can be found.
+    pub fn take(&mut self, name: &str, mut batch: Batch) -> Result<(), LearnError> {
+        let robot = self.robots.entry(name.to_owned()).or_default();
+        batch.samples.retain(|sample| sample.observation.frame >= robot.next);
+        let Some((first, last)) = batch.span() else { return Ok(()) };
+        let base = self.end;
+        let numbered =
+            |of: &Observation| Arc::new(Observation { frame: base + of.frame - first, pixels: of.pixels.clone() });
+        let known = self.marks.remove(name).unwrap_or_default();
+        let mark = |marked: &Marked| {
+            let frame = marked.observation.frame;
+            let before = known.iter().find(|(of, _)| *of == frame).map(|(_, marked)| marked.observation.clone());
+            let observation = before.or_else(|| (frame >= first).then(|| numbered(&marked.observation)))?;
+            Some((frame, Marked { observation, ..marked.clone() }))
+        };
+        let marks: Vec<(u64, Marked)> = batch.marks.iter().filter_map(mark).collect();
+        self.marks.insert(name.to_owned(), marks);
+        let mut tasks = self.tasks.clone();
+        tasks.set_marks(self.marks.values().flatten().map(|(_, marked)| marked.clone()).collect());
+        let tasks = Arc::new(tasks);
+        robot.frames += batch.samples.len() as u64;
+        robot.next = last + 1;
+        self.end = base + (last - first) + 2;
+        for (number, mut sample) in batch.samples.into_iter().enumerate() {
+            // What was before is another robot's, or was long ago.
+            sample.link = sample.link.filter(|_| number > 0);
+            sample.observation = numbered(&sample.observation);
+            let seen = Seen { sample, stamp_ns: 0, tasks: tasks.clone(), changed: false };
+            let learned = self.learn.step(seen, true)?;
+            self.quarantined += learned.growth.map_or(0, |growth| growth.quarantined.len() as u64);
+        }
+        Ok(())
+    }
+
+    /// Make a model of everything.
+    ///
+    /// # Errors
+    /// As for [`Learner::take`].
+    pub fn model(&mut self) -> Result<Option<&Update>, LearnError> {
+        let learned = self.learn.finish()?;
+        self.quarantined += learned.growth.map_or(0, |growth| growth.quarantined.len() as u64);
+        if let Some(request) = learned.request {
+            let solved = self.solve.step(request);
+            let update = self.fit.step(solved);
+            self.update = Some(update);
+        }
+        Ok(self.update.as_ref())
+    }
+
+    /// Save what there is.
+    ///
+    /// # Errors
+    /// The file system refused.
+    pub fn save(&mut self, path: &Path) -> Result<(), CheckpointError> {
+        let mut snapshot = Snapshot::new();
+        self.persist(&mut snapshot).map_err(|cause| CheckpointError::Damaged(cause.to_string()))?;
+        write_state(path, SavedState { snapshot, frame: self.end, stamp_ns: 0 }, &self.scenario.clone())
+    }
+
+    /// Go on from what was saved by a learner of the same scenario.
+    ///
+    /// # Errors
+    /// It is no whole state, or of another scenario.
+    pub fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
+        let mut state = read_state(bytes, &self.scenario)?;
+        self.persist(&mut state.snapshot).map_err(|cause| CheckpointError::Damaged(cause.to_string()))
+    }
+}
+
+impl Persist for Learner {
+    fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
+        snapshot.inner("learn", &mut self.learn)?;
+        snapshot.inner("solve", &mut self.solve)?;
+        snapshot.inner("fit", &mut self.fit)?;
+        snapshot.value("robots", &mut self.robots)?;
+        snapshot.value("end", &mut self.end)?;
+        snapshot.value("quarantined", &mut self.quarantined)?;
+        let mut there = self.update.is_some();
+        snapshot.value("update", &mut there)?;
+        if there {
+            snapshot.scope("update", |snapshot| answer(snapshot, &mut self.update))?;
+        }
+        let (mut seen, values) = (Observations::default(), self.scenario.vision.values());
+        let mut marks: BTreeMap<String, Vec<(u64, SavedMark)>> = BTreeMap::new();
+        for (name, of) in &self.marks {
+            let saved = of.iter().map(|(frame, marked)| (*frame, seen.add_mark(marked))).collect();
+            marks.insert(name.clone(), saved);
+        }
+        snapshot.value("marks", &mut marks)?;
+        snapshot.scope("marks", |snapshot| seen.persist(snapshot, values))?;
+        if snapshot.is_restoring() {
+            let restored = marks.into_iter().map(|(name, of)| {
+                let of = of.into_iter().map(|(frame, mark)| Ok((frame, seen.mark(mark)?)));
+                Ok((name, of.collect::<Result<_, SnapshotError>>()?))
+            });
+            self.marks = restored.collect::<Result<_, SnapshotError>>()?;
+        }
+        Ok(())
+    }
+}
+
+/// A batch as bytes.
+pub fn batch_bytes(mut batch: Batch, scenario: &Scenario) -> Result<Vec<u8>, CheckpointError> {
+    let mut snapshot = Snapshot::new();
+    batch.persist(&mut snapshot, scenario).map_err(|cause| CheckpointError::Damaged(cause.to_string()))?;
+    state_bytes(SavedState { snapshot, frame: 0, stamp_ns: 0 }, scenario)
+}
+
+/// A batch from bytes.
+pub fn batch_of(bytes: &[u8], scenario: &Scenario) -> Result<Batch, CheckpointError> {
+    let (mut state, mut batch) = (read_state(bytes, scenario)?, Batch::default());
+    let restored = batch.persist(&mut state.snapshot, scenario);
+    restored.map_err(|cause| CheckpointError::Damaged(cause.to_string()))?;
+    Ok(batch)
+}
+
+/// A model as bytes.
+pub fn update_bytes(update: &Update, scenario: &Scenario) -> Result<Vec<u8>, CheckpointError> {
+    let mut snapshot = Snapshot::new();
+    let answered = answer(&mut snapshot, &mut Some(update.clone()));
+    answered.map_err(|cause| CheckpointError::Damaged(cause.to_string()))?;
+    state_bytes(SavedState { snapshot, frame: 0, stamp_ns: 0 }, scenario)
+}
+
+/// A model from bytes, as if it had been asked for at a frame.
+pub fn update_of(bytes: &[u8], asked_at: u64, scenario: &Scenario) -> Result<Update, CheckpointError> {
+    let (mut state, mut update) = (read_state(bytes, scenario)?, None);
+    answer(&mut state.snapshot, &mut update).map_err(|cause| CheckpointError::Damaged(cause.to_string()))?;
+    let update = update.ok_or_else(|| CheckpointError::Damaged("there is no model in it".into()))?;
+    // Frames of the learner are those of all robots.
+    let learned = update.learned.map(|mut learned| {
+        Arc::make_mut(&mut learned).asked_at = asked_at;
+        learned
+    });
+    Ok(Update { asked_at, learned, ..update })
+}
