@@ -8,6 +8,7 @@ mod common;
 mod architecture;
 mod commands;
 mod experiment;
+mod fleet;
 mod fuzz;
 mod live;
 mod report;
