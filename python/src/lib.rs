@@ -8,6 +8,7 @@ mod agent;
 mod arguments;
 mod arrays;
 mod dictionary;
+mod experiment;
 mod incremental;
 mod kernel;
 mod linear;
@@ -30,6 +31,8 @@ mod _adagio {
     use crate::agent::{Agent, RunOver};
     #[pymodule_export]
     use crate::dictionary::Ald;
+    #[pymodule_export]
+    use crate::experiment::{experiment, experiment_seed};
     #[pymodule_export]
     use crate::incremental::IncrementalStream;
     #[pymodule_export]

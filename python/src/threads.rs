@@ -3,13 +3,19 @@
 use std::convert::Infallible;
 use std::fmt::Display;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
 
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::arguments::refused;
+
+/// How long Ctrl-C may wait.
+const PATIENCE: Duration = Duration::from_millis(50);
 
 /// The threads, and the process that they belong to.
 static POOL: Mutex<Option<(u32, Arc<ThreadPool>)>> = Mutex::new(None);
@@ -37,6 +43,36 @@ fn pool() -> Result<Arc<ThreadPool>, String> {
 pub fn work<T: Send, E: Display + Send>(py: Python<'_>, job: impl FnOnce() -> Result<T, E> + Send) -> PyResult<T> {
     let done = py.detach(|| caught(|| Ok(pool()?.install(job))));
     done.map_err(PyRuntimeError::new_err)?.map_err(refused)
+}
+
+/// As [`work`], for work that ends early when it is asked to: Ctrl-C asks it.
+///
+/// # Errors
+/// `KeyboardInterrupt`, a panic as `RuntimeError`; and what the work returns.
+pub fn interruptible<T: Send>(py: Python<'_>, job: impl FnOnce(&AtomicBool) -> T + Send) -> PyResult<T> {
+    let stop = AtomicBool::new(false);
+    let mut interrupt = None;
+    let done = py.detach(|| {
+        std::thread::scope(|scope| {
+            let (end, ended) = channel::<Infallible>();
+            let stop = &stop;
+            let worker = scope.spawn(move || {
+                let _end = end;
+                caught(|| Ok(pool()?.install(|| job(stop))))
+            });
+            while ended.recv_timeout(PATIENCE) == Err(RecvTimeoutError::Timeout) {
+                if let Err(error) = Python::attach(|py| py.check_signals()) {
+                    stop.store(true, Ordering::Relaxed);
+                    interrupt = Some(error);
+                }
+            }
+            worker.join().unwrap_or_else(|_| Err("a fault of adagio itself".into()))
+        })
+    });
+    match interrupt {
+        Some(error) => Err(error),
+        None => done.map_err(PyRuntimeError::new_err),
+    }
 }
 
 /// Do something with the content of an object, for which other Python threads wait.

@@ -1,14 +1,17 @@
-"""A world for tests: random pictures in a ring, and an agent that goes round; the program that replays its runs."""
+"""For tests. A world: random pictures in a ring, and an agent that goes round; the program, and other processes."""
 
 import json
 import os
 import subprocess
+import sys
+import textwrap
 from pathlib import Path
 
 import numpy as np
 
 import adagio
 
+HERE = Path(__file__).parent
 PLACES = 24
 GOAL = 0
 
@@ -76,12 +79,25 @@ def drive(agent, ring, actions):
 
 def program(*arguments):
     """What the program ``adagio`` prints; it must succeed."""
-    built = Path(__file__).parents[2] / "target" / "release" / "adagio"
+    built = HERE.parents[1] / "target" / "release" / "adagio"
     path = os.environ.get("ADAGIO_PROGRAM", built)
     assert Path(path).is_file(), f"{path} is missing: cargo build --release, or ADAGIO_PROGRAM"
     done = subprocess.run([path, *map(str, arguments)], capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, f"adagio {arguments}: {done.stdout}{done.stderr}"
     return done.stdout
+
+
+def script(text, *arguments, **options):
+    """A Python process that runs a text."""
+    command = [sys.executable, "-c", textwrap.dedent(text), *map(str, arguments)]
+    return subprocess.Popen(command, cwd=HERE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
+
+
+def finished(process, seconds=60):
+    """What it has printed; it must end well, and in time."""
+    printed, errors = process.communicate(timeout=seconds)
+    assert process.returncode == 0, errors
+    return printed
 
 
 def replayed_digest(run):

@@ -5,32 +5,15 @@ import os
 import signal
 import subprocess
 import sys
-import textwrap
 import threading
 import time
 from pathlib import Path
 
 import numpy as np
 import pytest
-from rings import GOAL, Ring, agent_of, drive, replayed_digest, report_of
+from rings import GOAL, HERE, Ring, agent_of, drive, finished, replayed_digest, report_of, script
 
 import adagio
-
-HERE = Path(__file__).parent
-
-
-def script(text, *arguments, **options):
-    """A Python process that runs a text."""
-    command = [sys.executable, "-c", textwrap.dedent(text), *map(str, arguments)]
-    return subprocess.Popen(command, cwd=HERE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
-
-
-def finished(process, seconds=60):
-    """What it has printed; it must end well, and in time."""
-    printed, errors = process.communicate(timeout=seconds)
-    assert process.returncode == 0, errors
-    return printed
-
 
 @pytest.mark.parametrize("n_actions", [2, 4, 7])
 def test_it_learns_to_go_to_a_place(n_actions, tmp_path):

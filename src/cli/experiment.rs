@@ -1,6 +1,5 @@
 //! `adagio experiment [NAME]`
 
-use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
@@ -8,7 +7,7 @@ use faer::Par;
 use serde_json::json;
 
 use super::{Ending, ExperimentArgs, print, print_json};
-use crate::experiment::{self, ExperimentError, Scope, Size};
+use crate::experiment::{self, Experiment, ExperimentError, Scope, Size, worlds};
 
 /// Where experiments go unless `--out` says otherwise, each in a folder of its own.
 const EXPERIMENTS: &str = "experiments";
@@ -18,28 +17,7 @@ const CACHE: &str = "cache";
 /// Do an experiment, or list them.
 pub fn experiment(args: &ExperimentArgs, stop: &AtomicBool) -> Result<(), Ending> {
     let Some(name) = &args.name else { return list(args.json) };
-    let experiment = experiment::find(name).map_err(Ending::usage)?;
-    if args.world.is_some() && name != "worlds" {
-        return Err(Ending::usage(format!("--world: the experiment {name} has one world; only worlds has several")));
-    }
-    let size = match (args.quick, args.smoke) {
-        (_, true) => Size::Smoke,
-        (true, _) => Size::Quick,
-        _ => Size::Full,
-    };
-    let folder = Path::new(EXPERIMENTS).join(name);
-    let scope = Scope {
-        size,
-        vectors: args.vectors,
-        seeds: args.seeds.clone(),
-        world: args.world.clone(),
-        par: args
-            .threads
-            .map_or(Par::rayon(0), |threads| if threads == 1 { Par::Seq } else { Par::rayon(threads.into()) }),
-        cache: args.cache.clone().unwrap_or_else(|| folder.join(CACHE)),
-        out: args.out.clone().unwrap_or_else(|| next(&folder)),
-        quiet: args.quiet,
-    };
+    let (experiment, scope, out) = order(name, args)?;
     if !args.quiet {
         eprintln!(
             "{name} takes {} on two cores; finished settings are kept in {}",
@@ -47,12 +25,50 @@ pub fn experiment(args: &ExperimentArgs, stop: &AtomicBool) -> Result<(), Ending
             scope.cache.display()
         );
     }
-    match experiment::run(experiment, &scope, stop) {
+    match experiment::run(experiment, &scope, &out, stop) {
         Ok((value, _)) if args.json => print_json(&value),
-        Ok((_, text)) => print(&format!("{text}\nkept in {}\n", scope.out.display())),
+        Ok((_, text)) => print(&format!("{text}\nkept in {}\n", out.display())),
         Err(error @ ExperimentError::Exists(_)) => Err(Ending::usage(error)),
         Err(error) => Err(error.into()),
     }
+}
+
+/// What is to be done, and the folder for the results.
+///
+/// # Errors
+/// There is no such experiment, or it does not have what is asked for.
+pub fn order(name: &str, args: &ExperimentArgs) -> Result<(&'static Experiment, Scope, PathBuf), Ending> {
+    let experiment = experiment::find(name).map_err(Ending::usage)?;
+    if let Some(world) = &args.world {
+        if name != "worlds" {
+            return Err(Ending::usage(format!(
+                "--world: the experiment {name} has one world; only worlds has several"
+            )));
+        }
+        if !worlds::names().any(|known| known == world) {
+            let known: Vec<&str> = worlds::names().collect();
+            return Err(Ending::usage(format!("there is no world {world:?}; there are {}", known.join(", "))));
+        }
+    }
+    let size = match (args.quick, args.smoke) {
+        (true, true) => return Err(Ending::usage("quick and smoke are two sizes: one of them")),
+        (true, false) => Size::Quick,
+        (false, true) => Size::Smoke,
+        (false, false) => Size::Full,
+    };
+    let folder = Path::new(EXPERIMENTS).join(name);
+    let scope = Scope {
+        size,
+        vectors: args.vectors.map(within).transpose().map_err(Ending::usage)?,
+        seeds: args.seeds.clone(),
+        world: args.world.clone(),
+        par: args
+            .threads
+            .map_or(Par::rayon(0), |threads| if threads == 1 { Par::Seq } else { Par::rayon(threads.into()) }),
+        cache: args.cache.clone().unwrap_or_else(|| folder.join(CACHE)),
+        quiet: args.quiet,
+    };
+    Ok((experiment, scope, args.out.clone().unwrap_or_else(|| next(&folder))))
 }
 
 fn list(as_json: bool) -> Result<(), Ending> {
@@ -89,40 +105,13 @@ fn next(folder: &Path) -> PathBuf {
 
 /// A number of support vectors.
 pub fn vectors(text: &str) -> Result<usize, String> {
-    let number: usize = text.parse().map_err(|error| format!("{text:?} is no number: {error}"))?;
-    if (20..=20_000).contains(&number) { Ok(number) } else { Err(format!("{number} is not within 20 to 20 000")) }
+    within(text.parse().map_err(|error| format!("{text:?} is no number: {error}"))?)
 }
 
-/// Seeds from `A..B`, both included, or one seed.
-pub fn seeds(text: &str) -> Result<RangeInclusive<u64>, String> {
-    let number = |text: &str| text.trim().parse::<u64>().map_err(|error| format!("{text:?} is no seed: {error}"));
-    let (first, last) = match text.split_once("..") {
-        Some((first, last)) => (number(first)?, number(last.strip_prefix('=').unwrap_or(last))?),
-        None => (number(text)?, number(text)?),
-    };
-    if first > last {
-        return Err(format!("{first} to {last} are no seeds: the first must not be above the last"));
-    }
-    if last - first >= MOST_SEEDS {
-        return Err(format!("{first} to {last} are more than {MOST_SEEDS} seeds"));
-    }
-    Ok(first..=last)
-}
-
-/// More seeds than this are a slip of the keyboard.
-const MOST_SEEDS: u64 = 1000;
-
-#[cfg(test)]
-mod tests {
-    use super::seeds;
-
-    #[test]
-    fn seeds_are_a_range_with_both_ends() {
-        assert_eq!(seeds("11..13"), Ok(11..=13));
-        assert_eq!(seeds("11..=13"), Ok(11..=13));
-        assert_eq!(seeds("7"), Ok(7..=7));
-        for wrong in ["", "a", "3..1", "1..5000", "1..", "-1..2"] {
-            assert!(seeds(wrong).is_err(), "{wrong}");
-        }
+fn within(vectors: usize) -> Result<usize, String> {
+    if (20..=20_000).contains(&vectors) {
+        Ok(vectors)
+    } else {
+        Err(format!("{vectors} support vectors are not within 20 to 20 000"))
     }
 }

@@ -7,7 +7,7 @@ mod compare;
 mod doctor;
 mod drive;
 mod evaluate;
-mod experiment;
+pub mod experiment;
 pub mod export;
 mod fleet;
 mod folder;
@@ -37,7 +37,7 @@ use std::sync::atomic::AtomicBool;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
-use crate::experiment::worlds;
+use crate::experiment::{Seeds, worlds};
 use crate::learn::Job;
 use crate::live::serve::parse_address;
 
@@ -528,9 +528,9 @@ pub struct ExperimentArgs {
     /// Support vectors in place of the size's own number; the most of them, where an experiment has several.
     #[arg(long, value_name = "N", value_parser = experiment::vectors)]
     pub vectors: Option<usize>,
-    /// Seeds from A to B, both included: bands over them; or one seed.
-    #[arg(long, value_name = "A..B", default_value = "11", value_parser = experiment::seeds)]
-    pub seeds: std::ops::RangeInclusive<u64>,
+    /// Seeds from A to B, both included: bands over them; or one seed. Several, with commas: 11..13,20.
+    #[arg(long, value_name = "A..B", default_value = "11")]
+    pub seeds: Seeds,
     /// Of the experiment worlds: one world alone, the name of its scenario.
     #[arg(long, value_name = "NAME", value_parser = clap::builder::PossibleValuesParser::new(worlds::names()))]
     pub world: Option<String>,

@@ -1,7 +1,6 @@
 //! What all experiments share: scope, cache, progress, and the folder that their results go to.
 
 use std::cell::{Cell, OnceCell, RefCell};
-use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
@@ -11,7 +10,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
 
-use super::{BAND, Cache, ExperimentError, Table};
+use super::{BAND, Cache, ExperimentError, Seeds, Table};
 use crate::report::Program;
 
 /// How much of an experiment is done.
@@ -46,15 +45,13 @@ pub struct Scope {
     /// several.
     pub vectors: Option<usize>,
     /// Seeds; more than one give bands.
-    pub seeds: RangeInclusive<u64>,
+    pub seeds: Seeds,
     /// Of [`worlds`](super::worlds): the name of one world alone.
     pub world: Option<String>,
     /// Threads for matrix products; results do not depend on them.
     pub par: Par,
     /// Where finished settings are kept.
     pub cache: PathBuf,
-    /// Folder for the results, which must not exist yet.
-    pub out: PathBuf,
     /// No progress.
     pub quiet: bool,
 }
@@ -120,7 +117,22 @@ pub struct Bench<'a> {
     files: RefCell<Vec<String>>,
 }
 
-impl Bench<'_> {
+impl<'a> Bench<'a> {
+    fn new(experiment: &Experiment, scope: &'a Scope, stop: &'a AtomicBool) -> Result<Self, ExperimentError> {
+        crate::random::fix_parallelism();
+        Ok(Bench {
+            scope,
+            experiment: experiment.name,
+            cache: Cache::open(&scope.cache)?,
+            stop,
+            planned: Cell::default(),
+            done: Cell::default(),
+            computed: Cell::default(),
+            other_builds: Cell::default(),
+            files: RefCell::default(),
+        })
+    }
+
     /// Say how many settings there will be, for the progress.
     pub fn plan(&self, settings: usize) {
         self.planned.set(self.planned.get() + settings);
@@ -217,34 +229,35 @@ impl<T> Once<T> {
     }
 }
 
-/// Do an experiment, and write its tables and plots into [`Scope::out`].
+/// Do an experiment only for the settings that it keeps, so that [`run`] with these seeds and others finds them.
+///
+/// # Errors
+/// Those of [`run`], but for the folder.
+pub fn keep(experiment: &Experiment, scope: &Scope, stop: &AtomicBool) -> Result<(), ExperimentError> {
+    (experiment.run)(&Bench::new(experiment, scope, stop)?).map(drop)
+}
+
+/// Do an experiment, and write its tables and plots into a new folder.
 ///
 /// Returns what is in `result.json`, and the tables as text.
 ///
 /// # Errors
 /// The folder exists; [`ExperimentError::Stopped`] if `stop` is set, with finished settings kept; whatever goes wrong in the
 /// experiment.
-pub fn run(experiment: &Experiment, scope: &Scope, stop: &AtomicBool) -> Result<(Value, String), ExperimentError> {
-    crate::random::fix_parallelism();
-    if scope.out.exists() {
-        return Err(ExperimentError::Exists(scope.out.clone()));
+pub fn run(
+    experiment: &Experiment,
+    scope: &Scope,
+    out: &Path,
+    stop: &AtomicBool,
+) -> Result<(Value, String), ExperimentError> {
+    if out.exists() {
+        return Err(ExperimentError::Exists(out.to_owned()));
     }
     let begin = Instant::now();
-    let bench = Bench {
-        scope,
-        experiment: experiment.name,
-        cache: Cache::open(&scope.cache)?,
-        stop,
-        planned: Cell::default(),
-        done: Cell::default(),
-        computed: Cell::default(),
-        other_builds: Cell::default(),
-        files: RefCell::default(),
-    };
+    let bench = Bench::new(experiment, scope, stop)?;
     let mut results = (experiment.run)(&bench)?;
-    let seeds = (*scope.seeds.start(), *scope.seeds.end());
-    if seeds.0 < seeds.1 {
-        results.notes.push(format!("Bands over seeds {} to {}: mean [{BAND}].", seeds.0, seeds.1));
+    if scope.seeds.len() > 1 {
+        results.notes.push(format!("Bands over seeds {}: mean [{BAND}].", scope.seeds));
     }
     if bench.other_builds.get() > 0 {
         results.notes.push(format!(
@@ -258,7 +271,7 @@ pub fn run(experiment: &Experiment, scope: &Scope, stop: &AtomicBool) -> Result<
         "program": Program::this(),
         "size": scope.size,
         "vectors": scope.vectors,
-        "seeds": { "first": seeds.0, "last": seeds.1 },
+        "seeds": scope.seeds,
         "band": BAND,
         "seconds": begin.elapsed().as_secs_f64(),
         "tables": results.tables.iter().map(Table::json).collect::<Vec<_>>(),
@@ -267,7 +280,7 @@ pub fn run(experiment: &Experiment, scope: &Scope, stop: &AtomicBool) -> Result<
         "cache": bench.files.into_inner(),
     });
     let text = text(&results);
-    write(&scope.out, experiment, &results, &json, &text)?;
+    write(out, experiment, &results, &json, &text)?;
     Ok((json, text))
 }
 

@@ -4,7 +4,7 @@
 //! told from a whole one, put aside, and computed again.
 
 use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -154,10 +154,12 @@ fn put_aside(path: &Path) -> Result<PathBuf, ExperimentError> {
     unreachable!("the numbers do not end")
 }
 
-/// Write a file such that it is whole or not there.
+/// Write a file such that it is whole or not there, whoever else writes it.
 fn write_whole(path: &Path, text: &str) -> Result<(), ExperimentError> {
     let mut name = path.as_os_str().to_owned();
-    name.push(format!(".{}.part", std::process::id()));
+    // On machines that share the folder, processes may have the same number.
+    let now = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos());
+    name.push(format!(".{}-{now}.part", std::process::id()));
     let part = PathBuf::from(name);
     std::fs::write(&part, text).map_err(ExperimentError::file("write", &part))?;
     std::fs::rename(&part, path).map_err(ExperimentError::file("write", path))

@@ -30,6 +30,9 @@ pub enum ExperimentError {
         /// The nearest of them, if one is near.
         hint: String,
     },
+    /// Seeds that are none.
+    #[error("{0}")]
+    Seeds(String),
     /// The folder for the results is there already.
     #[error("{0} exists already, and an experiment never overwrites anything: name another folder with --out")]
     Exists(PathBuf),

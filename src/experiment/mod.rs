@@ -36,6 +36,7 @@ mod plot;
 pub mod pose_lspi;
 mod quality;
 pub mod responses;
+mod seeds;
 pub mod selection;
 pub mod slowness;
 mod spans;
@@ -48,9 +49,10 @@ pub mod vision_lspi;
 pub mod worlds;
 
 pub use band::{BAND, Band};
-pub use bench::{Bench, Experiment, Once, Results, Scope, Size, Sizes, run};
+pub use bench::{Bench, Experiment, Once, Results, Scope, Size, Sizes, keep, run};
 pub use cache::{Cache, Cached, Found};
 pub use error::ExperimentError;
+pub use seeds::Seeds;
 pub use table::{Cell, SAYS, Table};
 
 /// All experiments, in the order of the thesis.

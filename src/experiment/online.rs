@@ -134,9 +134,9 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     let actions = scope.pick(ACTIONS);
     let (features, starts) = scope.pick(FEATURES);
     let most = actions.iter().copied().max().unwrap_or(1);
-    bench.plan(scope.seeds.clone().count() * Method::ALL.len());
+    bench.plan(scope.seeds.len() * Method::ALL.len());
     let mut found = Found::new();
-    for seed in scope.seeds.clone() {
+    for &seed in scope.seeds.iter() {
         let lab = Lab::new(seed, &[])?;
         let shared = Once::default();
         for method in Method::ALL {

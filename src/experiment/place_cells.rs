@@ -256,10 +256,10 @@ fn compute(lab: &Lab, settings: &Settings, bench: &Bench<'_>) -> Result<Outcome,
 fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     let scope = bench.scope;
     let (video, places) = (scope.pick(VIDEO), scope.pick(PLACES));
-    bench.plan(scope.seeds.clone().count() * MOTIONS.len());
+    bench.plan(scope.seeds.len() * MOTIONS.len());
     let eye = format!("camera.field_of_view_deg={EYE_DEG}");
     let mut found: [Vec<Outcome>; 2] = Default::default();
-    for seed in scope.seeds.clone() {
+    for &seed in scope.seeds.iter() {
         let lab = Lab::new(seed, &[&eye, "vision.width=12"])?;
         for (number, (name, motion)) in MOTIONS.into_iter().enumerate() {
             let scenario = lab.scenario.sha256();
@@ -268,7 +268,7 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
                 .push(bench.result(&format!("{name}, seed {seed}"), &settings, || compute(&lab, &settings, bench))?);
         }
     }
-    let lab = Lab::new(*scope.seeds.start(), &[&eye, "vision.width=12"])?;
+    let lab = Lab::new(scope.seeds[0], &[&eye, "vision.width=12"])?;
     Ok(Results {
         tables: vec![table(&found), slowness(&found)],
         notes: vec![

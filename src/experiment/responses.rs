@@ -150,17 +150,17 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     let scope = bench.scope;
     let (actions, vectors) = scope.pick(TRAINING);
     let (vectors, places) = (scope.vectors_or(vectors), scope.pick(PLACES));
-    bench.plan(scope.seeds.clone().count());
+    bench.plan(scope.seeds.len());
     let mut outcomes: Vec<Outcome> = Vec::new();
-    let first = Lab::new(*scope.seeds.start(), &[])?;
-    for seed in scope.seeds.clone() {
+    let first = Lab::new(scope.seeds[0], &[])?;
+    for &seed in scope.seeds.iter() {
         let lab = Lab::new(seed, &[])?;
         let training = Training::new(&lab, actions, vectors, CANDIDATES);
         let settings = Settings { training, places, sets: SETS, candidates: CANDIDATES };
         outcomes.push(bench.result(&format!("seed {seed}"), &settings, || compute(&lab, &settings, bench))?);
     }
     let Some(one) = outcomes.first() else { return Ok(Results::default()) };
-    let seed = *scope.seeds.start();
+    let seed = scope.seeds[0];
     Ok(Results {
         tables: vec![single(one, seed), subspaces(&outcomes), theory(one, seed)],
         notes: vec![

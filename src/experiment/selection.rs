@@ -226,11 +226,11 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     let (actions, transitions) = scope.pick(WALK);
     let numbers = scope.vectors_up_to(scope.pick(VECTORS));
     let (features, starts) = scope.pick(FEATURES);
-    bench.plan(scope.seeds.clone().count() * numbers.len() * Rule::ALL.len());
+    bench.plan(scope.seeds.len() * numbers.len() * Rule::ALL.len());
     let mut found = Found::new();
     let tasks: Vec<String> =
-        Lab::new(*scope.seeds.start(), &[])?.scenario.tasks.iter().map(|task| task.name.clone()).collect();
-    for seed in scope.seeds.clone() {
+        Lab::new(scope.seeds[0], &[])?.scenario.tasks.iter().map(|task| task.name.clone()).collect();
+    for &seed in scope.seeds.iter() {
         let lab = Lab::new(seed, &[])?;
         let prepared = Once::default();
         for &vectors in &numbers {

@@ -129,9 +129,9 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     for image in IMAGES {
         methods.extend(vectors.iter().map(|&target| (image, Method::Kernel(target))));
     }
-    bench.plan(scope.seeds.clone().count() * methods.len());
+    bench.plan(scope.seeds.len() * methods.len());
     let mut found = Found::new();
-    for seed in scope.seeds.clone() {
+    for &seed in scope.seeds.iter() {
         let labs = IMAGES.map(|(width, height)| {
             Lab::new(seed, &[&format!("vision.width={width}"), &format!("vision.height={height}")])
         });

@@ -69,9 +69,9 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     let ((actions, transitions, vectors), features) = (scope.pick(TRAINING), scope.pick(FEATURES));
     let (vectors, starts) = (scope.vectors_or(vectors), scope.pick(STARTS));
     let mut driven = Vec::new();
-    let first = Lab::new(*scope.seeds.start(), &[])?;
-    bench.plan(scope.seeds.clone().count() * first.scenario.tasks.len() * Iteration::BOTH.len());
-    for seed in scope.seeds.clone() {
+    let first = Lab::new(scope.seeds[0], &[])?;
+    bench.plan(scope.seeds.len() * first.scenario.tasks.len() * Iteration::BOTH.len());
+    for &seed in scope.seeds.iter() {
         let lab = Lab::new(seed, &[])?;
         let training = Training::new(&lab, actions, vectors, features - 1);
         let (trained, evaluator) = (Once::<Trained<'_>>::default(), Once::default());
@@ -107,7 +107,7 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
         }
     }
     Ok(Results {
-        tables: vec![summary(&first, &driven), single(&first, &driven, *scope.seeds.start())],
+        tables: vec![summary(&first, &driven), single(&first, &driven, scope.seeds[0])],
         notes: vec![
             format!(
                 "{starts} random starts for each goal, {features} features, {transitions} transitions, about {vectors} support \
@@ -118,7 +118,7 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
              that ours arrive more often says little about the method."
                 .into(),
         ],
-        plots: plots(&first, &driven, *scope.seeds.start()),
+        plots: plots(&first, &driven, scope.seeds[0]),
     })
 }
 

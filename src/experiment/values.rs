@@ -88,9 +88,9 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     let ((actions, vectors), features, starts) = (scope.pick(TRAINING), scope.pick(FEATURES), scope.pick(STARTS));
     let vectors = scope.vectors_or(vectors);
     let counts = scope.pick(TRANSITIONS);
-    bench.plan(scope.seeds.clone().count() * Values::ALL.len() * counts.len());
+    bench.plan(scope.seeds.len() * Values::ALL.len() * counts.len());
     let (mut found, mut goals) = (Found::new(), Vec::new());
-    for seed in scope.seeds.clone() {
+    for &seed in scope.seeds.iter() {
         let lab = Lab::goals(seed, &[])?;
         goals = lab.scenario.tasks.iter().map(|task| task.name.clone()).collect();
         let settings = &lab.scenario.value;

@@ -71,11 +71,11 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     let scope = bench.scope;
     let ((actions, transitions, vectors), features) = (scope.pick(TRAINING), scope.pick(FEATURES));
     let (vectors, starts) = (scope.vectors_or(vectors), scope.pick(STARTS));
-    bench.plan(scope.seeds.clone().count() * features.len());
+    bench.plan(scope.seeds.len() * features.len());
     let most = features.iter().copied().max().unwrap_or(2);
     let (mut found, mut sizes) = (Found::new(), Vec::new());
     let mut gamma = 0.0;
-    for seed in scope.seeds.clone() {
+    for &seed in scope.seeds.iter() {
         let lab = Lab::new(seed, &[])?;
         gamma = lab.scenario.value.gamma;
         let task = lab.task_number(TASK).unwrap_or(0);

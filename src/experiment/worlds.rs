@@ -145,11 +145,11 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     let only = names().position(|name| scope.world.as_deref() == Some(name));
     let which = only.as_ref().map_or(which, std::slice::from_ref);
     let starts = scope.pick(STARTS);
-    bench.plan(scope.seeds.clone().count() * which.len() * Method::ALL.len());
+    bench.plan(scope.seeds.len() * which.len() * Method::ALL.len());
     let mut found = Found::new();
     for &place in which {
         let (name, _) = WORLDS[place];
-        for seed in scope.seeds.clone() {
+        for &seed in scope.seeds.iter() {
             let mut sets = vec![format!("world.texture_seed={seed}")];
             let planned = Lab::world(place, seed, &sets)?;
             let actions = planned.scenario.actions as usize / share;

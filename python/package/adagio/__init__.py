@@ -1,8 +1,8 @@
 """Slow feature analysis, support vectors and values of actions, from streams.
 
 `Agent` explores, learns and acts while a program drives a robot, or an environment, with it; :mod:`adagio.gym` drives
-Gymnasium's. `open` gives a recorded run as arrays, and `learn`
-makes one model of many. All other classes are estimators in the manner of scikit-learn. What
+Gymnasium's. `open` gives a recorded run as arrays, `learn` makes one model
+of many, and `experiment` repeats the thesis's experiments. All other classes are estimators in the manner of scikit-learn. What
 they compute is the Rust library ``adagio``.
 
 ========================  =============================================================
@@ -18,6 +18,7 @@ they compute is the Rust library ``adagio``.
 from ._adagio import RunOver
 from ._agent import Agent
 from ._ald import ALD
+from ._experiment import experiment
 from ._incremental import IncSFA
 from ._kernel import KernelSFA
 from ._linear import SFA
@@ -26,4 +27,6 @@ from ._lspi import LSPI
 from ._many import learn
 from ._run import Run, open
 
-__all__ = ["ALD", "Agent", "IncSFA", "KernelSFA", "LSPI", "LocalValues", "Run", "RunOver", "SFA", "learn", "open"]
+__all__ = [
+    "ALD", "Agent", "IncSFA", "KernelSFA", "LSPI", "LocalValues", "Run", "RunOver", "SFA", "experiment", "learn", "open",
+]  # fmt: skip

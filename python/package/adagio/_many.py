@@ -8,10 +8,10 @@ import warnings
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
-from uuid import uuid4
 
 from . import _adagio
 from ._agent import _flat, _value
+from ._engine import engine
 
 
 def learn(
@@ -63,32 +63,12 @@ def learn(
         A log that is damaged is left out.
     """
 
-    def engine(parts):
-        if client is None:
-            for part in parts:
-                _adagio.learn_part(*part)
-        else:
-            # All at once; the engine has its own way with workers that fail.
-            futures = [client.submit(_part, uuid4().hex, *part) for part in parts]
-            try:
-                for future in futures:
-                    future.result()
-            except BaseException:
-                for future in futures:
-                    future.cancel()
-                raise
-
     if not isinstance(evaluate, bool):
         raise TypeError(f"evaluate is {evaluate!r}: True or False (keys of [evaluate] go into a scenario file)")
     sets = [f"{key}={_value(value)}" for key, value in _flat(settings)]
     scenario, out = (None if path is None else Path(path) for path in (scenario, out))
-    report, run = _adagio.learn([Path(log) for log in logs], scenario, sets, out, evaluate, engine)
+    report, run = _adagio.learn([Path(log) for log in logs], scenario, sets, out, evaluate, engine(client, _adagio.learn_part))
     report = json.loads(report)
     for log in report["learned_from"]["left_out"]:
         warnings.warn(f"{log}: it is left out", stacklevel=2)
     return {**report, "run": Path(run)}
-
-
-def _part(_attempt, *part):
-    """One part. Engines that remember what they have done do it again for another attempt."""
-    _adagio.learn_part(*part)

@@ -200,9 +200,9 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     let (frames, transitions) = scope.pick(WALK);
     let (starts, trials) = scope.pick(TRIALS);
     let sets = [transitions, transitions / 2];
-    bench.plan(scope.seeds.clone().count() * Kind::ALL.len() * sets.len() * features.len());
+    bench.plan(scope.seeds.len() * Kind::ALL.len() * sets.len() * features.len());
     let mut found = Found::new();
-    for seed in scope.seeds.clone() {
+    for &seed in scope.seeds.iter() {
         let lab = Lab::new(seed, &[])?;
         let data = Data::new(&lab, frames);
         let shared = Once::default();
@@ -229,7 +229,7 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
             variants[2].push(outcome.ours);
         }
     }
-    let lab = Lab::new(*scope.seeds.start(), &[])?;
+    let lab = Lab::new(scope.seeds[0], &[])?;
     let (gamma, weight) = (lab.scenario.value.gamma, lab.thesis_weight(&lab.walk(frames)));
     let shown = Findings { found, sets, gamma };
     Ok(Results {

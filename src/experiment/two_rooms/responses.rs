@@ -101,16 +101,16 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     let scope = bench.scope;
     let (pairs, vectors) = scope.pick(TRAINING);
     let (vectors, places) = (scope.vectors_or(vectors), scope.pick(PLACES));
-    bench.plan(scope.seeds.clone().count());
+    bench.plan(scope.seeds.len());
     let mut outcomes: Vec<Outcome> = Vec::new();
-    for seed in scope.seeds.clone() {
+    for &seed in scope.seeds.iter() {
         let lab = Lab::two_rooms(seed, &[])?;
         let training = Training::new(&lab, pairs, vectors, CANDIDATES);
         let settings = Settings { training, places, sets: SETS, candidates: CANDIDATES };
         outcomes.push(bench.result(&format!("seed {seed}"), &settings, || compute(&lab, &settings, bench))?);
     }
     let Some(one) = outcomes.first() else { return Ok(Results::default()) };
-    let seed = *scope.seeds.start();
+    let seed = scope.seeds[0];
     let lab = Lab::two_rooms(seed, &[])?;
     Ok(Results {
         tables: vec![claims(&outcomes), features(&lab, one, seed), theory(&lab, one), overlaps(&outcomes)],

@@ -251,10 +251,10 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     let scope = bench.scope;
     let ((pairs, vectors), features) = (scope.pick(TRAINING), scope.pick(FEATURES));
     let (vectors, starts) = (scope.vectors_or(vectors), scope.pick(STARTS));
-    bench.plan(scope.seeds.clone().count() * Features::ALL.len() * features.len());
+    bench.plan(scope.seeds.len() * Features::ALL.len() * features.len());
     let most = features.iter().copied().max().unwrap_or(2);
     let (mut found, mut sizes) = (Found::new(), Vec::new());
-    for seed in scope.seeds.clone() {
+    for &seed in scope.seeds.iter() {
         let lab = Lab::two_rooms(seed, &[scope.pick(MOST_STEPS)])?;
         let shared = Once::default();
         for kind in Features::ALL {
@@ -279,7 +279,7 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
             }
         }
     }
-    let lab = Lab::two_rooms(*scope.seeds.start(), &[])?;
+    let lab = Lab::two_rooms(scope.seeds[0], &[])?;
     let gamma = lab.scenario.value.gamma;
     let sizes = Band::of(&sizes).map_or(0.0, |band| band.mean);
     let task = lab.task(0);
