@@ -26,6 +26,8 @@ const MOST_BATCH: usize = 256 << 20;
 const BATCH_TIME: Duration = Duration::from_secs(20);
 /// Most batches of a robot that wait.
 const MOST_WAITING: usize = 16;
+/// How long a robot that has joined may take until it drives: its world has to be prepared.
+const BEGINS: Duration = Duration::from_secs(120);
 /// Time between looks at what has come.
 const LOOK: Duration = Duration::from_millis(5);
 
@@ -50,6 +52,8 @@ pub enum Told {
 struct Present {
     run: u64,
     heard: Instant,
+    /// Whether it drives: it was heard since it has joined.
+    begun: bool,
     lost: bool,
     left: bool,
     /// Whether a person was told that it has left.
@@ -64,11 +68,22 @@ struct Present {
 impl Present {
     fn new(run: u64, next: u64) -> Self {
         let (waiting, heard) = (VecDeque::new(), Instant::now());
-        Present { run, heard, lost: false, left: false, said: false, waiting, next, learned: next, saved: next }
+        Present {
+            run,
+            heard,
+            begun: false,
+            lost: false,
+            left: false,
+            said: false,
+            waiting,
+            next,
+            learned: next,
+            saved: next,
+        }
     }
 
     fn is_there(&self) -> bool {
-        !self.left && self.heard.elapsed() < LOST
+        !self.left && self.heard.elapsed() < if self.begun { LOST } else { BEGINS }
     }
 }
 
@@ -368,7 +383,7 @@ fn heard(
     let Some(robot) = robots.get_mut(name).filter(|robot| robot.run == run) else {
         return Err((StatusCode::NOT_FOUND, format!("the robot {name} has not joined")));
     };
-    (robot.heard, robot.left) = (Instant::now(), path == "/leave");
+    (robot.heard, robot.begun, robot.left) = (Instant::now(), true, path == "/leave");
     if let Some((_, last)) = batch.as_ref().and_then(Batch::span).filter(|(_, last)| *last >= robot.next) {
         if robot.waiting.len() >= MOST_WAITING {
             return Err((StatusCode::SERVICE_UNAVAILABLE, "too much of this robot waits already".to_owned()));

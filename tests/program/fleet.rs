@@ -3,7 +3,7 @@
 use std::fs;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{TcpListener, TcpStream};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
@@ -220,7 +220,7 @@ fn strangers_are_refused() {
     let run = |token: &str, address: &str, arguments: &[&str]| {
         let all = ["run", "smoke.toml", "--out", "robot", "--fleet", address, "--fleet-token", token];
         let output = adagio(folder, &[&all, arguments].concat());
-        assert!(!PathBuf::from(folder.join("robot")).exists(), "{}", stderr(&output));
+        assert!(!folder.join("robot").exists(), "{}", stderr(&output));
         (output.status.code(), stderr(&output))
     };
     let (code, said) = run("fedcba9876543210", &address, &[]);

@@ -377,11 +377,10 @@ fn state_digest(head: &StateHead, matrices: &BTreeMap<String, Matrix>) -> String
     hex(&hash.finalize())
 }
 
-/// What a state says of itself, as metadata of a file.
-fn state_metadata(
-    state: SavedState,
-    scenario: &Scenario,
-) -> Result<(BTreeMap<String, Matrix>, HashMap<String, String>), CheckpointError> {
+/// The matrices of a state, and what it says of itself as metadata of a file.
+type Parts = (BTreeMap<String, Matrix>, HashMap<String, String>);
+
+fn state_parts(state: SavedState, scenario: &Scenario) -> Result<Parts, CheckpointError> {
     let SavedState { snapshot: Snapshot { matrices, texts, .. }, frame, stamp_ns } = state;
     let (version, scenario_sha256) = (env!("CARGO_PKG_VERSION").to_owned(), scenario.sha256());
     let mut head = StateHead { version, scenario_sha256, frame, stamp_ns, texts, digest: String::new() };
@@ -395,7 +394,7 @@ fn state_metadata(
 /// # Errors
 /// None of the states that there are.
 pub fn state_bytes(state: SavedState, scenario: &Scenario) -> Result<Vec<u8>, CheckpointError> {
-    let (matrices, metadata) = state_metadata(state, scenario)?;
+    let (matrices, metadata) = state_parts(state, scenario)?;
     let views = matrices.iter().map(|(name, matrix)| (name.as_str(), Stored::new(matrix)));
     safetensors::serialize(views, Some(metadata)).map_err(damaged)
 }
@@ -405,7 +404,7 @@ pub fn state_bytes(state: SavedState, scenario: &Scenario) -> Result<Vec<u8>, Ch
 /// # Errors
 /// The file system refused.
 pub fn write_state(path: &Path, state: SavedState, scenario: &Scenario) -> Result<(), CheckpointError> {
-    let (matrices, metadata) = state_metadata(state, scenario)?;
+    let (matrices, metadata) = state_parts(state, scenario)?;
     let mut aside = path.to_owned().into_os_string();
     aside.push(".part");
     let aside = PathBuf::from(aside);
