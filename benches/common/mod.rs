@@ -2,6 +2,7 @@
 #![allow(dead_code)] // each bench uses its own part of it
 
 pub mod data;
+pub mod fleet;
 pub mod machine;
 pub mod operations;
 pub mod relearning;
