@@ -11,8 +11,8 @@ use std::process::{Command, Stdio};
 use std::sync::Arc;
 use std::time::Instant;
 
-use common::fleet::{Costs, Fleet, Logs, PER_ACTION, RATE, STAGES, WINDOW, learn};
 use common::machine::{Rates, Spread};
+use common::machines::{Costs, Logs, Machines, PER_ACTION, RATE, STAGES, WINDOW, learn};
 use common::{argument, max_m, simulation};
 
 use adagio::agent::peak_resident_bytes;
@@ -246,8 +246,8 @@ impl Bench {
             let rounds = 1..=number("learned_from", "rounds") as u64;
             let frames = number("learned_from", "frames") / LOGS as f64;
             let logs = Logs { count: LOGS, frames, found: rounds.map(found).collect(), changed: false };
-            let fleet = Fleet { workers, speed, link: 1e15, server: 1e15, failures: 0.0 };
-            let simulated = [&before, &after].map(|costs| learn(costs, &logs, &fleet).expect("no failures"));
+            let machines = Machines { workers, speed, link: 1e15, server: 1e15, failures: 0.0 };
+            let simulated = [&before, &after].map(|costs| learn(costs, &logs, &machines).expect("no failures"));
             println!(
                 "{workers} workers, each at {speed:.2} of the speed of one alone, candidates of a log in each round {:.0?}: {:.1} and {:.1} s, by the program {seconds:.1} s, ratio {:.2}",
                 logs.found,
@@ -285,7 +285,7 @@ fn print(c: &Costs) {
         ("frames decoded, frames/s", 1.0 / c.decode),
         ("members over a full dictionary, frames/s", 1.0 / c.judge),
         ("moments, frames/s", 1.0 / c.sum),
-        ("the same while a dictionary grows to m, difference, ms", ms(c.growth)),
+        ("members while a dictionary grows to m: difference, ms", ms(c.growth)),
         ("width of the kernel from 1000 observations, ms", ms(c.search)),
         ("a process, ms", ms(c.start)),
         ("dictionary written, ms", ms(c.dictionary_written)),
@@ -327,7 +327,7 @@ fn tables(costs: &Costs) {
         let logs = Logs { count: hours / log, frames: 3600.0 * RATE * log as f64, found, changed };
         for workers in [2, 20, 200, 2000].into_iter().filter(|&workers| workers <= 2 * logs.count) {
             print!("| {hours}{how} | {log} | {workers} | ");
-            let Some(of) = learn(costs, &logs, &Fleet { workers, speed: 1.0, link, server, failures }) else {
+            let Some(of) = learn(costs, &logs, &Machines { workers, speed: 1.0, link, server, failures }) else {
                 println!("never: no worker is left |{}", " |".repeat(STAGES.len() + 5));
                 continue;
             };

@@ -2,8 +2,8 @@
 #![allow(dead_code)] // each bench uses its own part of it
 
 pub mod data;
-pub mod fleet;
 pub mod machine;
+pub mod machines;
 pub mod operations;
 pub mod relearning;
 pub mod simulation;

@@ -16,7 +16,7 @@ const TRIES: u32 = 3;
 
 /// Machines, each with a link, and the one that logs and parts lie on. Rates in bytes per second.
 #[derive(Debug, Clone, Copy)]
-pub struct Fleet {
+pub struct Machines {
     pub workers: usize,
     /// Of a worker beside the others, as a share of that at which costs were measured: 1, where each has a processor of its own.
     pub speed: f64,
@@ -99,7 +99,7 @@ impl Transfers {
     }
 }
 
-impl Fleet {
+impl Machines {
     /// All pieces of work; nothing if one has failed too often, or no worker is left.
     pub fn pass(&self, work: &Work, random: &mut impl Rng) -> Option<Passed> {
         let mut todo: VecDeque<u32> = vec![0; work.pieces].into();
@@ -182,7 +182,7 @@ pub struct Costs {
     pub merged: f64,
     /// A transition in sums, read.
     pub transition: f64,
-    /// Features and policies: without transitions, and of each.
+    /// Features and policies: without transitions, and for each of them.
     pub model: [f64; 2],
     pub frame_bytes: f64,
     pub dictionary_bytes: f64,
@@ -225,23 +225,23 @@ pub const WIDTH_FRAMES: usize = 1000;
 ///
 /// If it is changed: workers look at the logs; a log is not decoded to its end for a few observations; a dictionary is hashed once;
 /// candidates are not judged by a full one; and a part is read once.
-pub fn learn(costs: &Costs, logs: &Logs, fleet: &Fleet) -> Option<Forecast> {
+pub fn learn(costs: &Costs, logs: &Logs, machines: &Machines) -> Option<Forecast> {
     let (count, frames, c) = (logs.count as f64, logs.frames, costs);
     let (log_bytes, transitions) = (frames * c.frame_bytes, WINDOW.min(frames / PER_ACTION));
     let sums_bytes = c.sums_bytes + transitions * c.transition_bytes;
-    let mut random = random::stream(1, "bench fleet");
+    let mut random = random::stream(1, "bench failures");
     let [mut members, mut union, mut parts] = [0.0; 3];
     let mut passed = Passed::default();
     let mut pass = |once: f64, give: f64, compute: f64| {
         let compute = c.start + frames * c.look + compute;
-        let now = fleet.pass(&Work { pieces: logs.count, once, fetch: log_bytes, give, compute }, &mut random)?;
+        let now = machines.pass(&Work { pieces: logs.count, once, fetch: log_bytes, give, compute }, &mut random)?;
         passed = Passed { seconds: 0.0, busy: passed.busy + now.busy, wire: passed.wire + now.wire };
         Some(now.seconds)
     };
 
     // The first log is opened twice more, for its scenario.
     let opened = if logs.changed { 2.0 } else { count + 2.0 };
-    let mut look = c.start + opened * (frames * c.look + log_bytes / fleet.server);
+    let mut look = c.start + opened * (frames * c.look + log_bytes / machines.server);
     if logs.changed {
         look += pass(0.0, 0.0, 0.0)?;
     }
@@ -250,7 +250,7 @@ pub fn learn(costs: &Costs, logs: &Logs, fleet: &Fleet) -> Option<Forecast> {
     let of_each = WIDTH_FRAMES.div_ceil(asked) as f64;
     let apart = if logs.changed || asked == 1 { 1.0 } else { (frames / of_each).floor().max(1.0) };
     let decoded = asked as f64 * (of_each * apart).min(frames);
-    let width = decoded * (c.decode + c.frame_bytes / fleet.server) + c.search;
+    let width = decoded * (c.decode + c.frame_bytes / machines.server) + c.search;
     for (round, &found) in logs.found.iter().enumerate() {
         let give = found * c.candidate_bytes;
         let [seconds, once, growth] =
@@ -258,7 +258,7 @@ pub fn learn(costs: &Costs, logs: &Logs, fleet: &Fleet) -> Option<Forecast> {
         let written = c.candidates_written[0] + found * c.candidates_written[1];
         members += pass(once, give, seconds + frames * c.judge + growth + written)?;
         // Each part is read for what it says of itself, and again for what is in it.
-        let read = c.candidates_read[0] + found * c.candidates_read[1] + give / fleet.server;
+        let read = c.candidates_read[0] + found * c.candidates_read[1] + give / machines.server;
         let (judged, times) = if logs.changed { (count.min(2.0), 1.0) } else { (count, 2.0) };
         union +=
             judged * (times * read + found * (c.judge - c.decode)) + growth + c.dictionary_written + 3.0 * c.digest;
@@ -266,7 +266,7 @@ pub fn learn(costs: &Costs, logs: &Logs, fleet: &Fleet) -> Option<Forecast> {
     }
     let moments = pass(c.dictionary_bytes, sums_bytes, c.dictionary_read + frames * c.sum + c.sums_written)?;
     parts += count * sums_bytes;
-    let twice = count * (c.merged + 2.0 * (transitions * c.transition + sums_bytes / fleet.server));
+    let twice = count * (c.merged + 2.0 * (transitions * c.transition + sums_bytes / machines.server));
     let merge = if logs.changed { 0.5 * twice } else { twice };
     let hash = (if logs.changed { 1.0 } else { count }) * c.digest * (logs.found.len() as f64 + 1.0);
     let model = c.model[0] + c.model[1] * WINDOW.min(count * transitions);
