@@ -3,6 +3,7 @@
 
 pub mod data;
 pub mod machine;
+pub mod machines;
 pub mod operations;
 pub mod relearning;
 pub mod simulation;
