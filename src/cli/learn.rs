@@ -176,7 +176,8 @@ impl All<'_> {
         let parts = self.out.join(PARTS);
         let logs: Vec<&str> = self.logs.iter().map(|log| log.digest.as_str()).collect();
         let (mut dictionary, mut rounds, mut more) = (first, 0, true);
-        while more && rounds < ROUNDS {
+        // A full one takes nothing more.
+        while more && rounds < ROUNDS && !dictionary.is_full() {
             let path = parts.join(format!("dictionary-{rounds}.safetensors"));
             dictionary.write(&path, &self.setting.scenario).map_err(ending)?;
             rounds += 1;
