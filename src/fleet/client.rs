@@ -183,17 +183,17 @@ impl Connection {
         }
     }
 
-    /// Hand over what the learner lacks: how many batches, or why not.
-    fn hand_over(&mut self) -> Result<(), String> {
+    /// Hand over what the learner lacks, as far as it has room: whether that is all, or why it is not.
+    fn hand_over(&mut self) -> Result<bool, String> {
         let (beat, path) = (self.path("/beat"), self.path("/batch"));
         self.ask_as_robot(&Method::PUT, &beat, &Bytes::new())?;
         loop {
             let next = self.standing.next;
-            let Some(waiting) = self.backlog.iter().find(|waiting| waiting.last >= next) else { return Ok(()) };
+            let Some(waiting) = self.backlog.iter().find(|waiting| waiting.last >= next) else { return Ok(true) };
             let bytes = waiting.bytes.clone();
-            let (status, _, _) = self.ask_as_robot(&Method::PUT, &path, &bytes)?;
-            if status == StatusCode::SERVICE_UNAVAILABLE || self.standing.next <= next {
-                std::thread::sleep(ASK);
+            self.ask_as_robot(&Method::PUT, &path, &bytes)?;
+            if self.standing.next <= next {
+                return Ok(false);
             }
         }
     }
@@ -205,13 +205,6 @@ impl Connection {
             return Ok(None);
         }
         update_of(&body, asked_at, &self.scenario).map(Some).map_err(|error| error.to_string())
-    }
-
-    /// Frames that the learner has not got.
-    fn missing(&self) -> Option<(u64, u64)> {
-        let mut missing = self.backlog.iter().filter(|waiting| waiting.last >= self.standing.next);
-        let first = missing.next()?;
-        Some((first.first, missing.next_back().unwrap_or(first).last))
     }
 
     /// Take note of whether the learner answers.
@@ -262,7 +255,7 @@ impl Fleet for Connection {
         self.keep(batch);
         let path = format!("{}&frame={asked_at}", self.path("/model"));
         let learned = loop {
-            let answered = self.hand_over().and_then(|()| self.model(&path, asked_at));
+            let answered = self.hand_over().and_then(|_| self.model(&path, asked_at));
             self.note(answered.as_ref().err().cloned());
             match answered {
                 Ok(Some(update)) => break Ok(update),
@@ -284,13 +277,21 @@ impl Fleet for Connection {
     }
 
     fn leave(&mut self) -> Option<String> {
-        let cause = self.hand_over().err();
+        let cause = loop {
+            match self.hand_over() {
+                Ok(true) => break None,
+                Ok(false) => std::thread::sleep(ASK),
+                Err(cause) => break Some(cause),
+            }
+        };
         let path = self.path("/leave");
         // A learner that does not hear it notices that nothing comes.
         let _ = self.ask_as_robot(&Method::PUT, &path, &Bytes::new());
-        let ((first, last), cause) = (self.missing()?, cause?);
+        // What it has and has not saved may be lost with it.
+        let (cause, first, last) = (cause?, self.backlog.front()?.first, self.backlog.back()?.last);
         Some(format!(
-            "frames {first} to {last} were not handed over to the fleet's learner at {}: {cause}; `adagio learn` takes them from the log",
+            "frames {first} to {last} were not handed over to the fleet's learner at {}, or it has not saved them: {cause}; `adagio \
+             learn` takes them from the log",
             self.address
         ))
     }

@@ -214,3 +214,58 @@ pub fn update_of(bytes: &[u8], asked_at: u64, scenario: &Scenario) -> Result<Upd
     });
     Ok(Update { asked_at, learned, ..update })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::agent::steps::Sample;
+
+    fn batch(frames: std::ops::Range<u64>, marked: &[u64], scenario: &Scenario) -> Batch {
+        let seen = |frame| {
+            let pixels = (0..scenario.vision.values()).map(|i| ((i as u64 * 31 + frame * 7) % 251) as u8).collect();
+            Arc::new(Observation { frame, pixels })
+        };
+        let samples = frames.map(|frame| Sample { observation: seen(frame), link: None, boundary: None, action: None });
+        let mark = |&frame: &u64| Marked { task: 0, observation: seen(frame), place: Some([frame as f64, 1.0]) };
+        Batch { samples: samples.collect(), marks: marked.iter().map(mark).collect() }
+    }
+
+    #[test]
+    fn what_robots_mark_counts_for_all_and_each_frame_counts_once() {
+        let text = include_str!("../../scenarios/shown.toml");
+        let sets = ["dictionary.sigma=1000".to_owned()];
+        let scenario = Arc::new(Scenario::parse(text, Path::new("shown.toml"), &sets).unwrap());
+        let plan = Arc::new(Plan::new(&scenario).unwrap());
+        let mut learner = Learner::new(&scenario, &plan);
+        learner.begin("a", 1);
+        learner.begin("b", 2);
+        // As they come over the wire.
+        let wire = |batch| batch_of(&batch_bytes(batch, &scenario).unwrap(), &scenario).unwrap();
+        learner.take("a", wire(batch(0..10, &[3], &scenario))).unwrap();
+        learner.take("b", wire(batch(0..20, &[4], &scenario))).unwrap();
+        // Frames 5 to 9 are known; the mark of the batch before stays what it is.
+        learner.take("a", wire(batch(5..15, &[3, 12], &scenario))).unwrap();
+        let marks = |learner: &Learner| -> Vec<(u64, Option<[f64; 2]>)> {
+            let marks = learner.marks.values().flatten();
+            marks.map(|(_, marked)| (marked.observation.frame, marked.place)).collect()
+        };
+        // Batches begin at 0, 11 and 32; that of frames 10 to 14 has its frame 12 at 34.
+        let of_a = [(3, Some([3.0, 1.0])), (34, Some([12.0, 1.0]))];
+        assert_eq!(marks(&learner), [of_a[0], of_a[1], (15, Some([4.0, 1.0]))]);
+        let robots = |learner: &Learner| learner.robots().values().map(|of| (of.frames, of.next)).collect::<Vec<_>>();
+        assert_eq!(robots(&learner), [(15, 15), (20, 20)]);
+
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("state");
+        learner.save(&path).unwrap();
+        let mut restored = Learner::new(&scenario, &plan);
+        restored.restore(&std::fs::read(&path).unwrap()).unwrap();
+        assert_eq!((marks(&restored), robots(&restored)), (marks(&learner), robots(&learner)));
+        // Forgotten by one robot, and gone with the other one's run.
+        restored.take("a", wire(batch(15..16, &[], &scenario))).unwrap();
+        restored.begin("b", 3);
+        assert!(marks(&restored).is_empty());
+        restored.take("b", wire(batch(0..5, &[], &scenario))).unwrap();
+        assert_eq!(robots(&restored), [(16, 16), (5, 5)]);
+    }
+}

@@ -163,7 +163,9 @@ impl Server {
             state: Mutex::new(State::default()),
         });
         for (name, robot) in learner.robots() {
-            hub.state().robots.insert(name.clone(), Present::new(robot.run, robot.next));
+            // It drives, or is gone.
+            let present = Present { begun: true, ..Present::new(robot.run, robot.next) };
+            hub.state().robots.insert(name.clone(), present);
         }
         let mut rounds = Rounds { hub: &hub, scenario, path, robots, saved: Instant::now() };
         rounds.publish(learner, tell);
