@@ -121,9 +121,11 @@ pub fn first_dictionary(setting: &Setting, logs: &[Log]) -> Result<Dictionary, M
             let asked: Vec<&Log> = logs.iter().step_by(every).collect();
             let of_each = count.div_ceil(asked.len());
             let mut seen = Vec::new();
-            for log in &asked {
+            for (number, log) in asked.iter().enumerate() {
                 let apart = if asked.len() == 1 { 1 } else { (log.frames as usize / of_each).max(1) };
                 let mut samples = log.samples(setting);
+                // At another time in each: where drives begin at one place, their first frames are alike.
+                samples.next(apart * number / asked.len());
                 let next = || samples.next(apart).into_iter().next();
                 seen.extend(std::iter::from_fn(next).take(of_each).map(|sample| sample.observation));
             }
