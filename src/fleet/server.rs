@@ -239,7 +239,10 @@ impl Rounds<'_> {
         let begin = Instant::now();
         let mut waiting: Vec<(String, VecDeque<(u64, Batch)>)> = Vec::new();
         for (name, robot) in &mut self.hub.state().robots {
-            waiting.push((name.clone(), std::mem::take(&mut robot.waiting)));
+            // One that has begun just now waits for the next round: the learner does not know it yet.
+            if learner.robots().get(name).is_some_and(|known| known.run == robot.run) {
+                waiting.push((name.clone(), std::mem::take(&mut robot.waiting)));
+            }
         }
         waiting.retain(|(_, batches)| !batches.is_empty());
         if waiting.is_empty() {
