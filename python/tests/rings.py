@@ -57,7 +57,7 @@ class Ring:
 
 def agent_of(ring, out, **settings):
     """An agent that soon acts on what it has learned."""
-    defaults = {"action": ring.actions, "actions": 2000, "policy": {"explore_actions": 400, "pursue_share": 0.5}}
+    defaults = {"action": ring.actions, "actions": 2000, "policy": {"explore_share": 0.2, "pursue_share": 0.5}}
     return adagio.Agent(out=out, **{**defaults, **settings})
 
 

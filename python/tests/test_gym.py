@@ -8,7 +8,7 @@ from rings import GOAL, PLACES, Ring, replayed_digest
 import adagio
 import adagio.gym
 
-QUICK = {"policy": {"explore_actions": 400}}
+QUICK = {"policy": {"explore_share": 0.2}}
 
 
 class RingEnv(gymnasium.Env):

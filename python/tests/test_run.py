@@ -53,7 +53,7 @@ def test_no_files_are_left(recorded, tmp_path, monkeypatch):
 
 def test_linear_values_of_any_number_of_actions(tmp_path):
     ring = Ring(7)
-    settings = {"policy": {"explore_actions": 800}, "value": {"method": "lspi"}}
+    settings = {"policy": {"explore_share": 1.0}, "value": {"method": "lspi"}}
     agent = agent_of(ring, tmp_path / "run", actions=800, **settings)
     drive(agent, ring, 10**6)
     agent.close()

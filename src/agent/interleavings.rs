@@ -47,7 +47,7 @@ fn scenario(sets: &[&str]) -> Arc<Scenario> {
         "slow.features=3",
         "agent.resolve_frames=12",
         "agent.latency_frames=11",
-        "policy.explore_actions=2",
+        "policy.explore_share=0.2",
         "policy.explore_length=2",
         "log.compression=none",
     ];

@@ -13,12 +13,11 @@ use crate::world::Simulated;
 use crate::world::World;
 
 /// What changes in a scenario so that a run is over in seconds: models soon, and small.
-pub const SMALL: [&str; 8] = [
+pub const SMALL: [&str; 7] = [
     "robot.frames_per_action=5",
     "dictionary.sigma_frames=200",
     "dictionary.budget=200",
     "slow.features=40",
-    "policy.explore_actions=100",
     "agent.resolve_frames=500",
     "agent.latency_frames=200",
     "evaluate.max_steps=30",

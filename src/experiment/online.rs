@@ -119,8 +119,6 @@ fn stream_scenario(
     ];
     if actions < 1000 {
         sets.extend(SMALL.map(str::to_owned));
-    } else {
-        sets.push(format!("policy.explore_actions={}", actions * 2 / 5));
     }
     let sets: Vec<&str> = sets.iter().map(String::as_str).collect();
     Ok(Lab::new(seed, &sets)?.scenario)

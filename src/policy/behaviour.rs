@@ -49,7 +49,7 @@ pub struct PursuitEnd {
 
 /// When to explore and when to pursue a goal.
 ///
-/// The share of pursuits is 0 during `explore_actions` and then rises linearly to `pursue_share` at the end of the run.
+/// The share of pursuits is 0 during the first `policy.explore_share` of the run and then rises linearly to `pursue_share` at the end of the run.
 #[derive(Debug, Clone)]
 pub struct BehaviourSchedule {
     scenario_actions: usize,
@@ -73,7 +73,7 @@ impl BehaviourSchedule {
         let policy = &scenario.policy;
         BehaviourSchedule {
             scenario_actions: scenario.actions,
-            explore_actions: policy.explore_actions,
+            explore_actions: (policy.explore_share * scenario.actions as f64).round() as usize,
             pursue_share: policy.pursue_share,
             explore_length: policy.explore_length,
             pursue_timeout: policy.pursue_timeout,

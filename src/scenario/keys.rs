@@ -200,7 +200,27 @@ enum Found<'t> {
 impl<'t> Section<'_, 't> {
     /// A real number with a unit.
     pub fn number(&mut self, key: &str, default: f64, unit: &str, range: Range, doc: &str) -> f64 {
-        let value = match self.take(key) {
+        let found = self.take(key);
+        self.number_in(key, found, default, unit, range, doc)
+    }
+
+    /// A share of `whole`. The version before gave it as a whole number, with the name `old`.
+    pub fn share_of(&mut self, key: &str, whole: usize, old: &str, default: f64, doc: &str) -> f64 {
+        let name = self.name(key);
+        let found = self.take_as(key, &name);
+        let old = if let Found::Nothing = found { self.take_old(old, &name) } else { Found::Nothing };
+        let default = match old {
+            Found::Nothing => default,
+            Found::Value(value, line) => match whole_number(&value) {
+                Some(number) => (number as f64 / whole as f64).min(1.0),
+                None => self.refuse(key, line, &shown(&value), "a whole number of the run's actions", default),
+            },
+        };
+        self.number_in(key, found, default, "", Range::within(0.0, 1.0), doc)
+    }
+
+    fn number_in(&mut self, key: &str, found: Found<'t>, default: f64, unit: &str, range: Range, doc: &str) -> f64 {
+        let value = match found {
             Found::Nothing => default,
             Found::Value(value, line) => match as_number(&value) {
                 Some(number) if range.holds(number) => number,
@@ -217,13 +237,10 @@ impl<'t> Section<'_, 't> {
         let range = format!("[{low}, {high}]");
         let value = match self.take(key) {
             Found::Nothing => default,
-            Found::Value(value, line) => {
-                let number = value.as_integer().and_then(|i| i128::from_str_radix(i.as_str(), i.radix()).ok());
-                match number.and_then(|n| usize::try_from(n).ok()) {
-                    Some(n) if (low..=high).contains(&n) => n,
-                    _ => self.refuse(key, line, &shown(&value), &format!("a whole number in {range}"), default),
-                }
-            }
+            Found::Value(value, line) => match whole_number(&value) {
+                Some(n) if (low..=high).contains(&n) => n,
+                _ => self.refuse(key, line, &shown(&value), &format!("a whole number in {range}"), default),
+            },
         };
         self.write(key, &value.to_string(), &format!("{}{range}: {doc}", spaced(unit)));
         value
@@ -399,18 +416,21 @@ impl<'t> Section<'_, 't> {
         let found = self.take_as(key, &name);
         let old = RENAMED.iter().find(|(today, _)| *today == name).map(|(_, old)| *old);
         match (found, old) {
-            (Found::Nothing, Some(old)) => {
-                let found = self.take_as(old, &name);
-                // In messages and hints it has the name of today.
-                self.known.retain(|known| known != old || matches!(found, Found::Value(..)));
-                if let Found::Value(_, line) = &found {
-                    let line = line.map_or(String::new(), |line| format!(" (line {line})"));
-                    self.reader.notes.push(format!("{}{line} is now called {name}", self.name(old)));
-                }
-                found
-            }
+            (Found::Nothing, Some(old)) => self.take_old(old, &name),
             (found, _) => found,
         }
+    }
+
+    /// What a key holds that stands there with its old name; its name of today is `name`.
+    fn take_old(&mut self, old: &str, name: &str) -> Found<'t> {
+        let found = self.take_as(old, name);
+        // In messages and hints it has the name of today.
+        self.known.retain(|known| known != old || matches!(found, Found::Value(..)));
+        if let Found::Value(_, line) = &found {
+            let line = line.map_or(String::new(), |line| format!(" (line {line})"));
+            self.reader.notes.push(format!("{}{line} is now called {name}", self.name(old)));
+        }
+        found
     }
 
     /// What a key holds that stands there as `key`; its place is kept as that of `name`.
@@ -530,6 +550,11 @@ fn render(value: &DeValue<'_>) -> String {
 fn shown(value: &DeValue<'_>) -> String {
     let text = render(value);
     if text.chars().count() > 60 { text.chars().take(57).chain("...".chars()).collect() } else { text }
+}
+
+fn whole_number(value: &DeValue<'_>) -> Option<usize> {
+    let number = value.as_integer().and_then(|i| i128::from_str_radix(i.as_str(), i.radix()).ok());
+    number.and_then(|n| usize::try_from(n).ok())
 }
 
 fn as_number(value: &DeValue<'_>) -> Option<f64> {

@@ -67,7 +67,7 @@ const TWO_ROOMS: [&str; 20] = [
 #[test]
 fn from_one_room_the_goal_in_the_other_is_reached() {
     let two_rooms = std::fs::read_to_string(package_file("scenarios/two_rooms.toml")).unwrap();
-    let short = ["--seed", "22", "--actions", "12000", "--set", "policy.explore_actions=12000"];
+    let short = ["--seed", "22", "--actions", "12000", "--set", "policy.explore_share=1"];
     let models = ["--set", "agent.resolve_frames=11000", "--set", "agent.latency_frames=2000"];
     let trials = ["--set", "evaluate.starts=200", "--set", "camera.detail=vision"];
     let found = run(&two_rooms, &[&short[..], &TWO_ROOMS, &models, &trials].concat());

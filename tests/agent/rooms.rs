@@ -307,7 +307,7 @@ fn the_scenarios_of_several_rooms_are_valid_and_run() {
         }
         // Seconds of the real thing: everything happens, little is learned.
         let sets = [
-            "policy.explore_actions=150",
+            "policy.explore_share=0.5",
             "policy.forward_probability=0.7",
             "dictionary.budget=150",
             "dictionary.sigma_frames=200",

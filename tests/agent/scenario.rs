@@ -369,16 +369,18 @@ fn the_reference_in_the_docs_is_what_the_keys_say() {
 
 #[test]
 fn keys_with_their_old_names_mean_the_same_and_are_noted() {
-    let text = format!("[policy]\nexplore_leg = 7\n[agent]\nkeep_minutes = 3.0\n{ROOM}{TASK}");
+    let text = format!("[policy]\nexplore_leg = 7\nexplore_actions = 6_000\n[agent]\nkeep_minutes = 3.0\n{ROOM}{TASK}");
     let sets = ["world.papers=2".to_owned()];
     let old = Scenario::parse(&text, Path::new("old.toml"), &sets).unwrap();
     let text = text.replace("explore_leg", "explore_length").replace("keep_minutes", "snapshot_minutes");
+    let text = text.replace("explore_actions = 6_000", "explore_share = 0.4");
     let new = Scenario::parse(&text, Path::new("old.toml"), &["world.texture_seed=2".to_owned()]).unwrap();
     assert_eq!((old.text, old.policy, old.agent, old.world), (new.text, new.policy, new.agent, new.world));
     let noted = [
         "world.papers is now called world.texture_seed",
+        "policy.explore_actions (line 3) is now called policy.explore_share",
         "policy.explore_leg (line 2) is now called policy.explore_length",
-        "agent.keep_minutes (line 4) is now called agent.snapshot_minutes",
+        "agent.keep_minutes (line 5) is now called agent.snapshot_minutes",
     ];
     assert_eq!((old.notes, new.notes), (noted.map(str::to_owned).to_vec(), Vec::new()));
     // Both names at once are a fault, and faults of a value name the key as it is called now.
@@ -386,4 +388,8 @@ fn keys_with_their_old_names_mean_the_same_and_are_noted() {
     assert_fault(&both, &[], "policy.explore_leg", &["is not a key of this section"]);
     let wrong = format!("[policy]\nexplore_leg = 0\n{ROOM}{TASK}");
     assert_fault(&wrong, &[], "policy.explore_length", &["0", "[1, 1000000]"]);
+    let wrong = format!("[policy]\nexplore_actions = 0.5\n{ROOM}{TASK}");
+    assert_fault(&wrong, &[], "policy.explore_share", &["0.5", "a whole number"]);
+    let never = Scenario::parse(&wrong.replace("0.5", "20_000"), Path::new("old.toml"), &[]).unwrap();
+    assert_eq!(never.policy.explore_share, 1.0);
 }

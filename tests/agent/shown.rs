@@ -25,7 +25,7 @@ const SHORT: [&str; 11] = [
     "show.0.action=400",
     "show.1.action=420",
     "dictionary.budget=400",
-    "policy.explore_actions=430",
+    "policy.explore_share=0.48",
     "policy.pursue_share=0.9",
     "evaluate.every=0",
     "evaluate.starts=20",
@@ -233,8 +233,7 @@ fn a_reward_from_outside_is_found_again_without_a_pose() {
     let (world, _) = scenario.split_once("[[task]]").unwrap();
     let pad = "[[task]]\nname = \"charger\"\nreward = \"topic\"\ngoal = [2.4, 0.6]\nradius = 0.2\n";
     std::fs::write(folder.path().join("pad.toml"), format!("{world}{pad}")).unwrap();
-    let short =
-        "--set robot.pose=none --actions 5000 --set policy.explore_actions=3000 --set evaluate.every=0 --seed 44";
+    let short = "--set robot.pose=none --actions 5000 --set policy.explore_share=0.6 --set evaluate.every=0 --seed 44";
     let fixed = ["run", "pad.toml", "--quiet", "--no-report", "--out", "run"];
     let output = adagio(folder.path(), &[&fixed[..], &short.split(' ').collect::<Vec<_>>()].concat());
     assert!(output.status.success(), "{}", stderr(&output));

@@ -42,7 +42,7 @@ fn list<T>(items: &[T], value: impl Fn(&T) -> Value) -> Value {
 fn numpy_reads_what_the_log_holds() {
     let folder = tempfile::tempdir().unwrap();
     // Files of half a megabyte: an export goes over all of them.
-    let more = ["log.file_mb=0.5", "policy.explore_actions=100", "policy.pursue_share=1.0", "policy.explore_length=5"];
+    let more = ["log.file_mb=0.5", "policy.explore_share=0.25", "policy.pursue_share=1.0", "policy.explore_length=5"];
     let more: Vec<&str> = more.iter().flat_map(|set| ["--set", set]).collect();
     let run = smoke_run(folder.path(), "run", &more);
     assert!(log_files(&run).unwrap().len() > 2);

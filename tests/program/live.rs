@@ -333,7 +333,7 @@ fn a_page_for_other_machines_needs_its_token() {
 fn a_browser_shows_a_run_and_its_buttons_work() {
     let folder = tempfile::tempdir().unwrap();
     let arguments =
-        ["--serve", "--actions", "200000", "--set", "agent.speed=60", "--set", "policy.explore_actions=100"];
+        ["--serve", "--actions", "200000", "--set", "agent.speed=60", "--set", "policy.explore_share=0.0005"];
     let run = Served::start(folder.path(), "run", &arguments);
     let Some(seen) = browser("check_live.mjs", &[&run.url]) else { return };
     for what in ["console", "errors"] {

@@ -25,7 +25,7 @@ pub fn doubts<'a>(
         let larger = if task.goal.is_some() { ", or make its radius larger" } else { "" };
         format!(
             "the goal of {:?} was met less than {RARELY} times in the window, and what leads there is hardly known: explore longer \
-             (policy.explore_actions){larger}",
+             (policy.explore_share){larger}",
             task.name
         )
     });
@@ -44,7 +44,7 @@ pub fn doubts<'a>(
 fn unworthy(task: &Task) -> String {
     format!(
         "most actions are worth less than nothing for {:?}: from there the window knows no way to its goal, or what is to be avoided costs \
-         more than the goal gives; explore longer (policy.explore_actions), or give what is to be avoided a reward nearer to 0",
+         more than the goal gives; explore longer (policy.explore_share), or give what is to be avoided a reward nearer to 0",
         task.name
     )
 }

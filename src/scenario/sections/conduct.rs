@@ -5,8 +5,8 @@ use crate::scenario::keys::{Range, Section};
 /// `[policy]`
 #[derive(Debug, Clone, PartialEq)]
 pub struct Policy {
-    /// Actions of pure exploration at the start.
-    pub explore_actions: usize,
+    /// Share of the run's actions that are pure exploration, at its start.
+    pub explore_share: f64,
     /// Share of pursuits among legs when the run ends; it rises linearly from 0.
     pub pursue_share: f64,
     /// Length of a leg of exploration, actions.
@@ -157,15 +157,15 @@ pub struct Task {
 }
 
 impl Policy {
-    pub(super) fn read(s: &mut Section<'_, '_>) -> Self {
+    /// `actions`: of the run.
+    pub(super) fn read(s: &mut Section<'_, '_>, actions: usize) -> Self {
         Policy {
-            explore_actions: s.count(
+            explore_share: s.share_of(
+                "explore_share",
+                actions,
                 "explore_actions",
-                6000,
-                "actions",
-                0,
-                1_000_000_000,
-                "pure exploration at the start",
+                0.4,
+                "share of the run's actions that are pure exploration, at its start",
             ),
             pursue_share: s.number(
                 "pursue_share",

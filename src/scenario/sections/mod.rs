@@ -144,7 +144,7 @@ impl Scenario {
             dictionary: reader.section("dictionary", "support vectors", Dictionary::read),
             slow: reader.section("slow", "slow features", Slow::read),
             value: reader.section("value", "what actions are worth", |s| Value::read(s, rooms)),
-            policy: reader.section("policy", "exploration, pursuit, reflexes", Policy::read),
+            policy: reader.section("policy", "exploration, pursuit, reflexes", |s| Policy::read(s, actions)),
             agent: reader.section("agent", "", |s| Agent::read(s, &robot)),
             evaluate: reader.section("evaluate", "", Evaluate::read),
             log: reader.section("log", "", Log::read),
