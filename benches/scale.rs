@@ -17,7 +17,7 @@ use common::{argument, max_m, simulation};
 
 use adagio::agent::peak_resident_bytes;
 use adagio::learn::{
-    Candidates, Dictionary, Log, Setting, Sums, candidates, first_dictionary, merge, model, sums, union,
+    Candidates, Dictionary, Log, Piece, Setting, Sums, candidates, first_dictionary, merge, model, sums, union,
 };
 use adagio::scenario::Plan;
 
@@ -116,7 +116,7 @@ impl Bench {
         let short = [102, 103].map(|seed| open(&self.drive(seed, 300)));
         let (frames, few) = (long.frames as f64, short[0].frames as f64);
         let (decoded, _) = timed(|| {
-            let mut samples = long.samples(&setting);
+            let mut samples = Piece::whole(&long).samples(&setting);
             while !samples.next(512).is_empty() {}
         });
         let decode = decoded / frames;
@@ -127,12 +127,12 @@ impl Bench {
             path
         };
 
-        let (grown, found) = timed(|| candidates(&setting, &long, &first).expect("a whole log"));
+        let (grown, found) = timed(|| candidates(&setting, &Piece::whole(&long), &first).expect("a whole log"));
         let (all, none) = (begin("candidates"), begin("no-candidates"));
         found.write(&all, &scenario).expect("room for a part");
         let (full, _) = union(&setting, &first, (std::slice::from_ref(&all), None)).expect("candidates");
         assert_eq!(full.members().ncols(), m, "frames of this drive do not fill the dictionary: a narrower width does");
-        let (judged, found) = timed(|| candidates(&setting, &short[0], &full).expect("a whole log"));
+        let (judged, found) = timed(|| candidates(&setting, &Piece::whole(&short[0]), &full).expect("a whole log"));
         found.write(&none, &scenario).expect("room for a part");
         let [read, read_none] =
             [&all, &none].map(|path| timed(|| Candidates::read(path, &scenario).expect("a part")).0);
@@ -150,10 +150,13 @@ impl Bench {
         let (digest, _) = timed(|| full.digest());
 
         let parts = ["sums-long", "sums-a", "sums-b"].map(begin);
-        let (summed, of_long) = timed(|| sums(&setting, &long, &full).expect("a whole log"));
+        let (summed, of_long) = timed(|| sums(&setting, &Piece::whole(&long), &full).expect("a whole log"));
         of_long.write(&parts[0], &scenario).expect("room for a part");
         for (log, part) in short.iter().zip(&parts[1..]) {
-            sums(&setting, log, &full).expect("a whole log").write(part, &scenario).expect("room for a part");
+            sums(&setting, &Piece::whole(log), &full)
+                .expect("a whole log")
+                .write(part, &scenario)
+                .expect("room for a part");
         }
         let sums_of = |part: &Path| Sums::read(part, &scenario).expect("a part");
         let (sums_written, ()) = timed_of(|| {

@@ -44,8 +44,10 @@ pub fn learn(
     // On this thread, where Ctrl-C reaches the engine.
     let learned = py.detach(|| {
         let run = |parts: &[Work], _: &(dyn Fn() + Sync)| {
-            let parts: Vec<_> =
-                parts.iter().map(|of| (of.verb, &of.log, &of.scenario, &of.dictionary, &of.out)).collect();
+            let parts: Vec<_> = parts
+                .iter()
+                .map(|of| (of.verb, &of.log, (of.frames.start, of.frames.end), &of.scenario, &of.dictionary, &of.out))
+                .collect();
             Python::attach(|py| engine.call1(py, (parts,))).map(drop).map_err(|error| {
                 let text = error.to_string();
                 *failed.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
@@ -62,7 +64,7 @@ pub fn learn(
     Ok((json, out))
 }
 
-/// One part of that: what `adagio members` or `adagio moments` does.
+/// One part of that, of frames `from..to` of a log: what `adagio members` or `adagio moments` does.
 ///
 /// # Errors
 /// A log that cannot be read, a part that cannot be written.
@@ -71,11 +73,12 @@ pub fn learn_part(
     py: Python<'_>,
     verb: &str,
     log: PathBuf,
+    (from, to): (u64, u64),
     scenario: PathBuf,
     dictionary: PathBuf,
     out: PathBuf,
 ) -> PyResult<()> {
     let job = Job::of_verb(verb).ok_or_else(|| PyValueError::new_err(format!("there is no work {verb:?}")))?;
-    let args = PartArgs { log, scenario, dictionary: Some(dictionary), out };
+    let args = PartArgs { log, frames: Some(from..to), scenario, dictionary: Some(dictionary), out };
     work(py, || Ok::<_, Infallible>(part(&args, &job)))?.map_err(raised)
 }

@@ -35,7 +35,7 @@ pub use memory::{Memory, machine_memory};
 pub use run::{Outcome, RunOptions, run};
 pub use runtime::checkpoint::{
     CHECKPOINT_NAME, CheckpointError, STATE_NAME, SavedState, checkpoint_bytes, read_checkpoint, read_state,
-    state_bytes, write_checkpoint, write_state,
+    read_state_head, state_bytes, write_checkpoint, write_state,
 };
 pub use runtime::clock::Timing;
 pub use runtime::controls::{Controls, Marking, TooMany};

@@ -14,8 +14,8 @@ use super::{Ending, LearnArgs, MergeArgs, PartArgs, folder, print, print_json};
 use crate::agent::{CHECKPOINT_NAME, checkpoint_bytes, peak_resident_bytes, write_checkpoint};
 use crate::evaluate::{Evaluator, PoseDecode, TaskResult, decode_pose};
 use crate::learn::{
-    Candidates, Dictionary, Job, LeftOut, Log, ManyError, Recordings, Setting, Sums, Work, first_dictionary, merge,
-    model, union,
+    Candidates, Dictionary, Job, LeftOut, Log, ManyError, Piece, Recordings, Setting, Sums, Work, first_dictionary,
+    merge, model, union,
 };
 use crate::policy::Learned;
 use crate::random::fix_parallelism;
@@ -194,12 +194,17 @@ impl All<'_> {
 
     /// The parts of all logs; those that are there already are not made again.
     fn parts(&self, job: &Job, name: &str, (path, of): (&Path, &Dictionary)) -> Result<Vec<PathBuf>, Ending> {
-        let part = |log: &Log| self.out.join(PARTS).join(format!("{}.{name}.safetensors", &log.digest[..16]));
-        let parts: Vec<PathBuf> = self.logs.iter().map(part).collect();
-        let todo = self.logs.iter().zip(&parts).filter(|(log, part)| !job.is_done(self.setting, log, of, part));
-        let work = todo.map(|(log, part)| {
-            let (log, scenario) = (std::path::absolute(&log.path)?, self.out.join(SCENARIO));
-            Ok(Work { verb: job.verb(), log, scenario, dictionary: path.to_owned(), out: part.clone() })
+        let digest = of.digest();
+        let pieces: Vec<Piece<'_>> = self.logs.iter().flat_map(Log::pieces).collect();
+        let part = |Piece { log, frames }: &Piece<'_>| {
+            let from = if frames.start == 0 { String::new() } else { format!("-{}", frames.start) };
+            self.out.join(PARTS).join(format!("{}{from}.{name}.safetensors", &log.digest[..16]))
+        };
+        let parts: Vec<PathBuf> = pieces.iter().map(part).collect();
+        let todo = pieces.iter().zip(&parts).filter(|(piece, part)| !job.is_done(self.setting, piece, &digest, part));
+        let work = todo.map(|(Piece { log, frames }, part)| {
+            let (log, frames, scenario) = (std::path::absolute(&log.path)?, frames.clone(), self.out.join(SCENARIO));
+            Ok(Work { verb: job.verb(), log, frames, scenario, dictionary: path.to_owned(), out: part.clone() })
         });
         let work: Vec<Work> = work.collect::<std::io::Result<_>>()?;
         let already = parts.len() - work.len();
@@ -370,7 +375,7 @@ impl Progress {
         last.2 = now;
         let left = (now - last.1).as_secs_f64() * (of - done) as f64 / (done - already).max(1) as f64;
         let left = if done > already && left > 1.0 { format!(", about {left:.0} s left") } else { String::new() };
-        eprintln!("{:.0} s, {stage}: {done} of {of} logs{left}", self.begin.elapsed().as_secs_f64());
+        eprintln!("{:.0} s, {stage}: {done} of {of}{left}", self.begin.elapsed().as_secs_f64());
     }
 }
 
@@ -379,7 +384,7 @@ pub fn part(args: &PartArgs, job: &Job) -> Result<(), Ending> {
     fix_parallelism();
     let setting = scenario(&args.scenario)?;
     let dictionary = dictionary(&setting, args.dictionary.as_deref())?;
-    job.run(&setting, &args.log, &dictionary, &args.out).map_err(ending)
+    job.run(&setting, &args.log, args.frames.clone(), &dictionary, &args.out).map_err(ending)
 }
 
 /// A scenario that was checked where the work was shared out.

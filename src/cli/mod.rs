@@ -31,6 +31,7 @@ mod workers;
 
 use std::io::{ErrorKind, Write};
 use std::net::SocketAddr;
+use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -248,6 +249,9 @@ pub struct FleetArgs {
 pub struct PartArgs {
     /// Run folder or .mcap file.
     pub log: PathBuf,
+    /// Its frames from A on, counted from 0, and before B [default: all].
+    #[arg(long, value_name = "A..B", value_parser = frames)]
+    pub frames: Option<Range<u64>>,
     /// Scenario file: the same for all logs.
     #[arg(long, value_name = "FILE")]
     pub scenario: PathBuf,
@@ -259,10 +263,17 @@ pub struct PartArgs {
     pub out: PathBuf,
 }
 
+fn frames(text: &str) -> Result<Range<u64>, String> {
+    let (from, to) = text.split_once("..").ok_or("it must be A..B")?;
+    let number = |text: &str| text.parse::<u64>().map_err(|cause| format!("{text:?}: {cause}"));
+    let frames = number(from)?..number(to)?;
+    if frames.is_empty() { Err("A must be below B".into()) } else { Ok(frames) }
+}
+
 /// Arguments of `adagio merge`.
 #[derive(Debug, Args)]
 pub struct MergeArgs {
-    /// What `adagio members` or `adagio moments` has made, one of each log.
+    /// What `adagio members` or `adagio moments` has made, of all frames of each log.
     #[arg(required = true, value_name = "PART")]
     pub parts: Vec<PathBuf>,
     /// Scenario file: the same for all logs.

@@ -99,11 +99,14 @@ enum Failure {
 /// One part, by a process of its own.
 fn process(work: &Work, host: Option<&str>) -> Result<(), Failure> {
     let program = std::env::current_exe().map_err(|error| Failure::Failed(error.to_string()))?;
-    let Work { verb, log, scenario, dictionary, out } = work;
-    let words: [&Path; 9] = [
+    let Work { verb, log, frames, scenario, dictionary, out } = work;
+    let frames = format!("{}..{}", frames.start, frames.end);
+    let words: [&Path; 11] = [
         &program,
         verb.as_ref(),
         log,
+        "--frames".as_ref(),
+        frames.as_ref(),
         "--scenario".as_ref(),
         scenario,
         "--dictionary".as_ref(),

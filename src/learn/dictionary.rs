@@ -5,7 +5,7 @@ use std::path::Path;
 use faer::{Mat, MatRef};
 use sha2::{Digest, Sha256};
 
-use super::{Head, Job, Log, ManyError, PartsOf, Setting, read_part, unusable, write_part};
+use super::{Head, Job, Log, ManyError, PartsOf, Piece, Setting, read_part, unusable, write_part};
 use crate::agent::steps::parallelism;
 use crate::dictionary::{Ald, DictionaryError, Parameters, Selection, width_for_share};
 use crate::kernel::Kernel;
@@ -123,7 +123,7 @@ pub fn first_dictionary(setting: &Setting, logs: &[Log]) -> Result<Dictionary, M
             let mut seen = Vec::new();
             for (number, log) in asked.iter().enumerate() {
                 let apart = if asked.len() == 1 { 1 } else { (log.frames as usize / of_each).max(1) };
-                let mut samples = log.samples(setting);
+                let mut samples = Piece::whole(log).samples(setting);
                 // At another time in each: where drives begin at one place, their first frames are alike.
                 samples.next(apart * number / asked.len());
                 let next = || samples.next(apart).into_iter().next();
@@ -138,7 +138,7 @@ pub fn first_dictionary(setting: &Setting, logs: &[Log]) -> Result<Dictionary, M
     Dictionary::new(&setting.scenario, sigma)
 }
 
-/// What a log has that a dictionary lacks.
+/// What frames of a log have that a dictionary lacks.
 #[derive(Debug)]
 pub struct Candidates {
     head: Head,
@@ -177,36 +177,39 @@ impl Candidates {
 /// The frames of a log that become support vectors beside those of a dictionary, in their order, by its rule.
 ///
 /// # Errors
-/// A log of which not all frames can be used.
-pub fn candidates(setting: &Setting, log: &Log, dictionary: &Dictionary) -> Result<Candidates, ManyError> {
+/// A log of which not all of these frames can be used.
+pub fn candidates(setting: &Setting, piece: &Piece<'_>, dictionary: &Dictionary) -> Result<Candidates, ManyError> {
     let (mut beside, mut samples, block) =
-        (dictionary.clone(), log.samples(setting), setting.scenario.dictionary.block_frames);
+        (dictionary.clone(), piece.samples(setting), setting.scenario.dictionary.block_frames);
     let known = beside.selection.dictionary().serials().last().map_or(0, |last| last + 1);
-    let mut frames = 0;
     loop {
         let seen = samples.next(block);
         if seen.is_empty() {
             break;
         }
-        frames += seen.len() as u64;
-        beside.take(columns(seen.iter().map(|sample| sample.observation.as_ref())).as_ref(), block)?;
+        // A full one takes nothing; but frames that cannot be read are to be noticed.
+        if !beside.is_full() {
+            beside.take(columns(seen.iter().map(|sample| sample.observation.as_ref())).as_ref(), block)?;
+        }
     }
-    samples.check(log, frames)?;
+    let frames = samples.check(piece)?;
     let of = beside.selection.dictionary();
     let new: Vec<usize> = (0..of.len()).filter(|&place| of.serials()[place] >= known).collect();
     let members = Mat::from_fn(of.members().nrows(), new.len(), |i, j| of.members()[(i, new[j])]);
-    Ok(Candidates { head: Head::of(Job::Members.verb(), log, dictionary), members, frames })
+    Ok(Candidates { head: Head::of(&Job::Members, piece, dictionary.digest()), members, frames })
 }
 
-/// A dictionary and what logs have that it lacks, thinned by the same rule, in the order of the logs' digests; and whether that is more.
-/// One part is held at a time.
+/// A dictionary and what logs have that it lacks, thinned by the same rule, in the order of the logs' digests and of their frames; and
+/// whether that is more. One part is held at a time.
 ///
 /// # Errors
-/// Candidates beside another dictionary, or twice of one log; files that cannot be read.
+/// Candidates beside another dictionary, of frames twice or not of all; files that cannot be read.
 pub fn union(setting: &Setting, dictionary: &Dictionary, parts: PartsOf<'_>) -> Result<(Dictionary, bool), ManyError> {
-    let head = |path: &Path| Ok(Candidates::read(path, &setting.scenario)?.head);
     let mut all = dictionary.clone();
-    for path in super::in_order(parts, head, (&Job::Members, dictionary))? {
+    for (_, path) in super::in_order(parts, &setting.scenario, (&Job::Members, dictionary))? {
+        if all.is_full() {
+            break;
+        }
         let candidates = Candidates::read(path, &setting.scenario)?;
         all.take(candidates.members.as_ref(), setting.scenario.dictionary.block_frames)?;
     }

@@ -2,6 +2,7 @@
 
 use std::fs::File;
 use std::io::Read;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -12,9 +13,12 @@ use crate::agent::steps::{ModelTiming, Perceive, Sample, Tasks};
 use crate::replay::Recording;
 use crate::scenario::{Scenario, hex};
 use crate::source::Recorded;
+use crate::vision::Observation;
 
 /// Bytes of a file that are hashed at a time.
 const AT_ONCE: usize = 1 << 20;
+/// Frames that are worked on alone, at most: some hours of driving.
+const STRETCH: u64 = 1 << 16;
 
 /// A log that can be learned from.
 #[derive(Debug, Clone)]
@@ -61,12 +65,53 @@ impl Log {
         Ok(Log { path: path.to_owned(), files, digest: hex(&hash.finalize()), frames })
     }
 
-    /// Its frames, as a run would see them.
+    /// Its frames in stretches that are worked on alone.
+    pub fn pieces(&self) -> impl Iterator<Item = Piece<'_>> {
+        let starts = (0..self.frames).step_by(STRETCH as usize);
+        starts.map(|start| Piece { log: self, frames: start..self.frames.min(start + STRETCH) })
+    }
+}
+
+/// Frames of a log.
+#[derive(Debug, Clone)]
+pub struct Piece<'a> {
+    /// The log.
+    pub log: &'a Log,
+    /// Which, as they come in it from 0.
+    pub frames: Range<u64>,
+}
+
+impl<'a> Piece<'a> {
+    /// All of them.
+    pub fn whole(log: &'a Log) -> Self {
+        Piece { log, frames: 0..log.frames }
+    }
+
+    /// The frames, as a run would see them: what was before is perceived, too.
     pub fn samples(&self, setting: &Setting) -> Samples {
         let (scenario, plan) = (setting.scenario.clone(), setting.plan.clone());
         let timing = Arc::new(ModelTiming::new(&scenario.agent, None));
-        let recorded = Recorded::new(scenario.clone(), crate::log::FilesReader::new(self.files.clone()));
-        Samples { recorded, perceive: Perceive::new(scenario, plan, timing) }
+        let recorded = Recorded::new(scenario.clone(), crate::log::FilesReader::new(self.log.files.clone()));
+        let mut samples = Samples {
+            recorded,
+            perceive: Perceive::new(scenario, plan, timing),
+            boundary: None,
+            last: None,
+            left: self.frames.start,
+            seen: 0,
+        };
+        while let Some(sample) = samples.step() {
+            if sample.link.is_none() {
+                samples.boundary = None;
+            }
+            samples.last = Some(sample.observation.clone());
+            if sample.boundary.is_some() {
+                samples.boundary = Some(sample);
+            }
+        }
+        samples.left = self.frames.end - self.frames.start;
+        samples.seen = 0;
+        samples
     }
 }
 
@@ -95,27 +140,39 @@ fn unlike(recorded: &Scenario, scenario: &Scenario) -> Option<String> {
         .then(|| format!("it has {} frames an action, {} s each, here {} and {} s", frames.0, frames.1, ours.0, ours.1))
 }
 
-/// The frames of a log.
+/// Frames of a log, one after the other.
 pub struct Samples {
     recorded: Recorded,
     perceive: Perceive,
+    /// The last frame of the action before them, if none is missing since.
+    pub(super) boundary: Option<Sample>,
+    /// The one before them.
+    pub(super) last: Option<Arc<Observation>>,
+    left: u64,
+    seen: u64,
 }
 
 impl Samples {
     /// The next ones, so many; fewer at the end.
     pub fn next(&mut self, count: usize) -> Vec<Sample> {
-        let next = || Some(self.perceive.step(self.recorded.take()?).seen.sample);
-        std::iter::from_fn(next).take(count).collect()
+        std::iter::from_fn(|| self.step()).take(count).collect()
     }
 
-    /// Whether all frames of a log were there, behind the last one.
-    pub(super) fn check(&self, log: &Log, frames: u64) -> Result<(), ManyError> {
-        let damaged = self.recorded.damaged();
-        if damaged == 0 && frames == log.frames {
-            return Ok(());
+    fn step(&mut self) -> Option<Sample> {
+        self.left = self.left.checked_sub(1)?;
+        let sample = self.perceive.step(self.recorded.take()?).seen.sample;
+        self.seen += 1;
+        Some(sample)
+    }
+
+    /// How many there were, behind the last one: all, or nothing can be learned from the log.
+    pub(super) fn check(&self, of: &Piece<'_>) -> Result<u64, ManyError> {
+        let (damaged, frames) = (self.recorded.damaged(), of.frames.end - of.frames.start);
+        if damaged == 0 && self.seen == frames {
+            return Ok(frames);
         }
-        let cause = format!("{frames} of its {} frames can be learned from, {damaged} lack a part", log.frames);
-        Err(ManyError::Log(LeftOut { path: log.path.clone(), cause }))
+        let cause = format!("{} of its {frames} frames can be learned from, {damaged} lack a part", self.seen);
+        Err(ManyError::Log(LeftOut { path: of.log.path.clone(), cause }))
     }
 
     /// The tasks as they are behind the last frame.

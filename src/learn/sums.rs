@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
-use faer::Mat;
+use faer::{Mat, MatRef};
 
-use super::{Dictionary, Head, Job, Log, ManyError, PartsOf, Setting, read_part, unusable, write_part};
+use super::{Dictionary, Head, Job, ManyError, PartsOf, Piece, Setting, read_part, unusable, write_part};
 use crate::agent::steps::{
     Marked, Observations, PlaceWindow, SavedMark, Transitions, parallelism, put_window, take_window,
 };
@@ -18,20 +18,18 @@ use crate::snapshot::{Snapshot, SnapshotError};
 use crate::value::{Transition, Window};
 use crate::vision::Observation;
 
-/// Frames of a chunk, whose sums are added one after the other; chunks are added in pairs.
-const CHUNK: u64 = 1 << 16;
 /// Frames of a product.
 const AT_ONCE: usize = 512;
 
-/// What a log, or several, have to tell.
+/// What frames of a log, or several logs, have to tell.
 pub struct Sums {
-    /// Of which log, over which dictionary.
+    /// Of which log and frames, over which dictionary.
     head: Head,
     /// Sums over the coordinates of frames.
     pub(super) moments: Moments,
     /// Transitions, at most as many as a scenario's window holds.
     pub(super) window: PlaceWindow,
-    /// What was marked.
+    /// What was marked, up to a log's last frame.
     pub(super) marks: Vec<Marked>,
     /// Frames that were summed over.
     pub(super) frames: u64,
@@ -105,7 +103,7 @@ impl Sums {
     }
 }
 
-/// Sums of chunks, added in pairs: two of the same number of chunks at a time, as they come.
+/// Sums that are added in pairs: two of the same number of parts at a time, as they come.
 #[derive(Default)]
 struct Pairs(Vec<(u32, Moments)>);
 
@@ -137,63 +135,62 @@ fn sum(mut a: Moments, b: &Moments) -> Result<Moments, ManyError> {
     Ok(a)
 }
 
-/// Sums over the frames of a log, in the coordinates of a dictionary.
+/// Sums over frames of a log, in the coordinates of a dictionary. What leads into them from the frame before is theirs.
 ///
 /// # Errors
-/// A log of which not all frames can be used.
-pub fn sums(setting: &Setting, log: &Log, dictionary: &Dictionary) -> Result<Sums, ManyError> {
+/// A log of which not all of these frames can be used.
+pub fn sums(setting: &Setting, piece: &Piece<'_>, dictionary: &Dictionary) -> Result<Sums, ManyError> {
     let scenario = &setting.scenario;
     let mut all = Sums::none(scenario);
-    let (mut known, mut samples) = (dictionary.selection.dictionary().clone(), log.samples(setting));
+    let (mut known, mut samples) = (dictionary.selection.dictionary().clone(), piece.samples(setting));
+    let mut judge =
+        |x: MatRef<'_, f32>| known.grow(x, |_, _| false).map_err(|cause| ManyError::NoModel(cause.to_string()));
     let mut transitions = Transitions::new(scenario.value.window);
-    let none = || -> Result<Moments, ManyError> {
-        let mut moments = Moments::new(parallelism(&scenario.agent));
-        moments.widen(dictionary.members().ncols())?;
-        Ok(moments)
-    };
-    let (mut pairs, mut chunk, mut in_chunk) = (Pairs::default(), none()?, 0);
     let mut before: Option<Mat<f64>> = None;
+    if let Some(last) = &samples.last {
+        let action = samples.boundary.as_ref();
+        let seen: Vec<&Observation> = action.map(|sample| &*sample.observation).into_iter().chain([&**last]).collect();
+        let judged = judge(columns(seen.into_iter()).as_ref())?;
+        before = Some(judged.coordinates.subcols(judged.coordinates.ncols() - 1, 1).to_owned());
+        if let Some(sample) = action {
+            transitions.add(sample, Some(judged.nearest[0]));
+        }
+    }
+    all.moments.widen(dictionary.members().ncols())?;
     loop {
-        let block = samples.next(AT_ONCE.min((CHUNK - in_chunk) as usize));
+        let block = samples.next(AT_ONCE);
         let Some(newest) = block.last() else { break };
         all.end = newest.observation.frame + 2;
-        let x = columns(block.iter().map(|sample| sample.observation.as_ref()));
-        let judged = known.grow(x.as_ref(), |_, _| false).map_err(|cause| ManyError::NoModel(cause.to_string()))?;
+        let judged = judge(columns(block.iter().map(|sample| sample.observation.as_ref())).as_ref())?;
         let links: Vec<Option<Link>> = block.iter().map(|sample| sample.link).collect();
         let v = judged.coordinates.as_ref();
-        chunk.add_series(v, &links, before.as_ref().map(|of| of.as_ref()))?;
+        all.moments.add_series(v, &links, before.as_ref().map(|of| of.as_ref()))?;
         before = Some(v.subcols(v.ncols() - 1, 1).to_owned());
         for (sample, &cell) in block.iter().zip(&judged.nearest) {
             transitions.add(sample, Some(cell));
         }
         all.residual = judged.residuals.iter().fold(all.residual, |most, &residual| most.max(residual));
-        (all.frames, in_chunk) = (all.frames + block.len() as u64, in_chunk + block.len() as u64);
-        if in_chunk == CHUNK {
-            pairs.add(std::mem::replace(&mut chunk, none()?))?;
-            in_chunk = 0;
-        }
     }
-    samples.check(log, all.frames)?;
-    pairs.add(chunk)?;
-    all.moments = pairs.finish()?.unwrap_or(all.moments);
+    all.frames = samples.check(piece)?;
     all.window = transitions.window;
-    all.marks = samples.tasks().marks.clone();
-    all.head = Head::of(Job::Moments.verb(), log, dictionary);
+    all.head = Head::of(&Job::Moments, piece, dictionary.digest());
+    if all.head.is_last() {
+        all.marks = samples.tasks().marks.clone();
+    }
     Ok(all)
 }
 
-/// The sums of several parts, each of one log: in the order of the logs' digests, in pairs. At most as many are held at a time as their number
-/// has binary digits.
+/// The sums of all logs: in the order of the logs' digests and of their frames, in pairs, those of a log first. At most as many are held at a
+/// time as their number has binary digits, twice.
 ///
 /// # Errors
-/// Parts over another dictionary, or twice of one log; files that cannot be read.
+/// Parts over another dictionary, of frames twice or not of all; files that cannot be read.
 pub fn merge(setting: &Setting, dictionary: &Dictionary, parts: PartsOf<'_>) -> Result<Sums, ManyError> {
     let scenario = &setting.scenario;
-    let head = |path: &Path| Ok(Sums::read(path, scenario)?.head);
-    let (mut all, mut pairs) = (Sums::none(scenario), Pairs::default());
-    for path in super::in_order(parts, head, (&Job::Moments, dictionary))? {
+    let (mut all, mut pairs, mut of_log) = (Sums::none(scenario), Pairs::default(), Pairs::default());
+    for (head, path) in super::in_order(parts, scenario, (&Job::Moments, dictionary))? {
         let part = Sums::read(path, scenario)?;
-        pairs.add(part.moments)?;
+        of_log.add(part.moments)?;
         let mut seen: BTreeMap<u64, Arc<Observation>> = BTreeMap::new();
         let mut behind = |of: &Arc<Observation>| {
             let frame = all.end + of.frame;
@@ -207,8 +204,13 @@ pub fn merge(setting: &Setting, dictionary: &Dictionary, parts: PartsOf<'_>) -> 
         all.marks
             .extend(part.marks.iter().map(|mark| Marked { observation: behind(&mark.observation), ..mark.clone() }));
         all.frames += part.frames;
-        all.end += part.end;
         all.residual = all.residual.max(part.residual);
+        if head.is_last() {
+            all.end += part.end;
+            if let Some(moments) = std::mem::take(&mut of_log).finish()? {
+                pairs.add(moments)?;
+            }
+        }
     }
     all.moments = pairs.finish()?.unwrap_or(all.moments);
     Ok(all)

@@ -121,7 +121,7 @@ fn the_same_logs_give_the_same_bits_whoever_works_on_them() {
     };
     let merge =
         |parts: [&'static str; 2]| [&["merge", "--dictionary", &dictionary, "--out", "no"][..], &parts].concat();
-    refused(&merge(["drive-1.sums", "drive-1.sums"]), "parts of the same log");
+    refused(&merge(["drive-1.sums", "drive-1.sums"]), "parts of the same frames");
     refused(&merge(["drive-1.sums", "drive-2.1"]), "drive-2.1");
     refused(&["merge", "--dictionary", "dictionary.1", "--out", "no", "drive-1.1", "drive-2.1"], "is over dictionary");
     refused(&["moments", a, "--out", "no"], "dictionary.sigma");
@@ -232,11 +232,46 @@ fn sums_over_one_log_are_those_of_its_run() {
     let slowness = |of: &Value| -> Vec<f64> {
         of["model"]["slowness"].as_array().unwrap().iter().map(|value| value.as_f64().unwrap()).collect()
     };
-    let (ours, theirs) = (slowness(&learned), slowness(&run));
-    assert!(ours.len() == theirs.len() && ours.len() > 20);
-    for (a, b) in ours.iter().zip(&theirs) {
-        assert!((a - b).abs() < 1e-6 * b, "slowness {a} in place of {b}");
+    let alike = |ours: &Value, theirs: &Value, within: f64| {
+        let (ours, theirs) = (slowness(ours), slowness(theirs));
+        assert!(ours.len() == theirs.len() && ours.len() > 20);
+        for (a, b) in ours.iter().zip(&theirs) {
+            assert!((a - b).abs() < within * b, "slowness {a} in place of {b}");
+        }
+    };
+    alike(&learned, &run, 1e-6);
+
+    // Stretches of it, with borders within an action and behind one: nothing is lost between them, and nothing counts twice.
+    let known = ["--scenario", "learned/scenario.toml", "--dictionary", "learned/parts/dictionary.safetensors"];
+    for (frames, part) in [("0..403", "a"), ("403..404", "b"), ("404..500", "c"), ("500..751", "d"), ("400..500", "e")]
+    {
+        let output = adagio(folder, &[&["moments", "drive", "--frames", frames, "--out", part], &known[..]].concat());
+        assert!(output.status.success(), "{}", stderr(&output));
     }
+    let merge = |parts: &[&str], out: &str| {
+        adagio(folder, &[&["merge", "--no-evaluate", "--json", "--quiet", "--out", out], &known[..], parts].concat())
+    };
+    let output = merge(&["c", "a", "d", "b"], "merged");
+    assert!(output.status.success(), "{}", stderr(&output));
+    let merged: Value = serde_json::from_str(&stdout(&output)).unwrap();
+    alike(&merged, &learned, 1e-9);
+    for count in ["frames", "transitions", "largest_residual"] {
+        assert_eq!(merged["learned_from"][count], learned["learned_from"][count], "{count}");
+    }
+    for (parts, expected) in [
+        (&["c", "a", "d"][..], "frames 403..404 of the log of a are in no part"),
+        (&["b", "c", "d"], "frames 0..403 of the log of b are in no part"),
+        (&["a", "b"], "frames 404..751 of the log of a are in no part"),
+        (&["a", "b", "c", "d", "e"], "a and e are parts of the same frames"),
+    ] {
+        let output = merge(parts, "none");
+        assert_eq!((output.status.code(), stderr(&output).contains(expected)), (Some(2), true), "{}", stderr(&output));
+    }
+    for (frames, expected) in [("0..752", "has 751 frames"), ("7..7", "A must be below B"), ("7", "A..B")] {
+        let output = adagio(folder, &[&["moments", "drive", "--frames", frames, "--out", "none"], &known[..]].concat());
+        assert_eq!((output.status.code(), stderr(&output).contains(expected)), (Some(2), true), "{}", stderr(&output));
+    }
+    assert!(!folder.join("none").exists());
 }
 
 #[test]

@@ -48,7 +48,9 @@ class Recorded:
 def learn(
     logs: list[Path], scenario: Path | None, sets: list[str], out: Path | None, evaluate: bool, engine: Callable[..., object]
 ) -> tuple[str, Path]: ...
-def learn_part(verb: str, log: Path, scenario: Path, dictionary: Path, out: Path) -> None: ...
+def learn_part(
+    verb: str, log: Path, frames: tuple[int, int], scenario: Path, dictionary: Path, out: Path
+) -> None: ...
 
 _What = tuple[str, bool, bool, int | None, str | None]
 

@@ -8,12 +8,12 @@
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
-use std::io::Write;
+use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use faer::{Mat, MatRef};
-use safetensors::tensor::{Dtype, SafeTensorError, SafeTensors, TensorView, View};
+use safetensors::tensor::{Dtype, Metadata, SafeTensorError, SafeTensors, TensorView, View};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use thiserror::Error;
@@ -424,12 +424,7 @@ pub fn write_state(path: &Path, state: SavedState, scenario: &Scenario) -> Resul
 /// The bytes are no whole state, or that of another scenario or version.
 pub fn read_state(bytes: &[u8], scenario: &Scenario) -> Result<SavedState, CheckpointError> {
     let (_, header) = SafeTensors::read_metadata(bytes).map_err(damaged)?;
-    let text = header.metadata().as_ref().and_then(|entries| entries.get(METADATA));
-    let text = text.ok_or_else(|| damaged(format!("its metadata {METADATA} is missing")))?;
-    let head: StateHead = serde_json::from_str(text).map_err(damaged)?;
-    if head.version != env!("CARGO_PKG_VERSION") || head.scenario_sha256 != scenario.sha256() {
-        return Err(damaged("it is that of another scenario, or was written by another version"));
-    }
+    let head = state_head(&header, scenario)?;
     let tensors = SafeTensors::deserialize(bytes).map_err(damaged)?;
     let mut matrices = BTreeMap::new();
     for (name, view) in tensors.iter() {
@@ -450,6 +445,33 @@ pub fn read_state(bytes: &[u8], scenario: &Scenario) -> Result<SavedState, Check
     }
     let StateHead { frame, stamp_ns, texts, .. } = head;
     Ok(SavedState { snapshot: Snapshot::restoring(matrices, texts), frame, stamp_ns })
+}
+
+/// What the state of a run of this scenario holds beside its matrices: the file's beginning is read alone, and its digest not checked.
+///
+/// # Errors
+/// The file cannot be read, or does not begin as that of a state, or is that of another scenario or version.
+pub fn read_state_head(path: &Path, scenario: &Scenario) -> Result<Snapshot, CheckpointError> {
+    let beginning = || {
+        let mut file = std::fs::File::open(path)?;
+        let (mut length, mut header) = ([0; 8], Vec::new());
+        file.read_exact(&mut length)?;
+        file.take(u64::from_le_bytes(length)).read_to_end(&mut header)?;
+        Ok(header)
+    };
+    let header = beginning().map_err(|cause: std::io::Error| damaged(cause))?;
+    let head = state_head(&serde_json::from_slice(&header).map_err(damaged)?, scenario)?;
+    Ok(Snapshot::restoring(BTreeMap::new(), head.texts))
+}
+
+fn state_head(header: &Metadata, scenario: &Scenario) -> Result<StateHead, CheckpointError> {
+    let text = header.metadata().as_ref().and_then(|entries| entries.get(METADATA));
+    let text = text.ok_or_else(|| damaged(format!("its metadata {METADATA} is missing")))?;
+    let head: StateHead = serde_json::from_str(text).map_err(damaged)?;
+    if head.version != env!("CARGO_PKG_VERSION") || head.scenario_sha256 != scenario.sha256() {
+        return Err(damaged("it is that of another scenario, or was written by another version"));
+    }
+    Ok(head)
 }
 
 /// Points, one after the other.
