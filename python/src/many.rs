@@ -64,7 +64,7 @@ pub fn learn(
     Ok((json, out))
 }
 
-/// One part of that, of frames `from..to` of a log: what `adagio members` or `adagio moments` does.
+/// One part of that, of some frames of a log: what `adagio members` or `adagio moments` does.
 ///
 /// # Errors
 /// A log that cannot be read, a part that cannot be written.
@@ -73,12 +73,12 @@ pub fn learn_part(
     py: Python<'_>,
     verb: &str,
     log: PathBuf,
-    (from, to): (u64, u64),
+    frames: (u64, u64),
     scenario: PathBuf,
     dictionary: PathBuf,
     out: PathBuf,
 ) -> PyResult<()> {
     let job = Job::of_verb(verb).ok_or_else(|| PyValueError::new_err(format!("there is no work {verb:?}")))?;
-    let args = PartArgs { log, frames: Some(from..to), scenario, dictionary: Some(dictionary), out };
+    let args = PartArgs { log, frames: Some(frames.0..frames.1), scenario, dictionary: Some(dictionary), out };
     work(py, || Ok::<_, Infallible>(part(&args, &job)))?.map_err(raised)
 }
