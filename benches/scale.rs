@@ -109,7 +109,7 @@ impl Bench {
     fn costs(&self, m: usize, width: &str, actions: usize) -> Costs {
         let scenario = simulation::scenario("lab.toml", &[&format!("dictionary.budget={m}"), width]);
         let plan = Arc::new(Plan::new(&scenario).expect("a floor plan"));
-        let setting = Setting { scenario: scenario.clone(), plan };
+        let setting = Setting { scenario: scenario.clone(), plan, par: faer::Par::Seq };
         let open = |path: &Path| Log::open(path, &scenario).expect("a whole log");
         let long = self.drive(101, actions);
         let (looked, long) = timed(|| open(&long));
@@ -146,7 +146,7 @@ impl Bench {
 
         let path = begin("dictionary");
         let (dictionary_written, ()) = timed(|| full.write(&path, &scenario).expect("room for a dictionary"));
-        let (dictionary_read, _) = timed(|| Dictionary::read(&path, &scenario).expect("a dictionary"));
+        let (dictionary_read, _) = timed(|| Dictionary::read(&path, &setting).expect("a dictionary"));
         let (digest, _) = timed(|| full.digest());
 
         let parts = ["sums-long", "sums-a", "sums-b"].map(begin);

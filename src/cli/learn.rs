@@ -5,12 +5,14 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
+use faer::Par;
 use serde::Serialize;
 
 use super::drive::write;
 use super::run::{load, within_memory};
 use super::workers::{INTERRUPTED, lock, read_hosts, work_off};
 use super::{Ending, LearnArgs, MergeArgs, PartArgs, folder, print, print_json};
+use crate::agent::steps::parallelism;
 use crate::agent::{CHECKPOINT_NAME, checkpoint_bytes, peak_resident_bytes, write_checkpoint};
 use crate::evaluate::{Evaluator, PoseDecode, TaskResult, decode_pose};
 use crate::learn::{
@@ -129,7 +131,8 @@ pub fn learn_with(order: &Order<'_>, engine: &Engine<'_>) -> Result<(Report, Pat
         }
     };
     let world = Arc::new(World::new(&scenario)?);
-    let setting = Setting { scenario: Arc::new(scenario), plan: world.plan.clone() };
+    // While dictionaries are united and policies fitted, workers have nothing to do.
+    let setting = Setting { scenario: Arc::new(scenario), plan: world.plan.clone(), par: Par::rayon(0) };
     let progress = Progress::new(order.quiet, begin);
     let tell = |done: usize| {
         progress.tell("looked at", (done, 0), order.logs.len());
@@ -391,13 +394,14 @@ pub fn part(args: &PartArgs, job: &Job) -> Result<(), Ending> {
 fn scenario(file: &Path) -> Result<Setting, Ending> {
     let scenario = Scenario::load(file, &[]).map_err(Ending::usage)?;
     let plan = Plan::new(&scenario).map_err(|fault| Ending::Usage(format!("{}: {fault:?}", file.display())))?;
-    Ok(Setting { scenario: Arc::new(scenario), plan: Arc::new(plan) })
+    let par = parallelism(&scenario.agent);
+    Ok(Setting { scenario: Arc::new(scenario), plan: Arc::new(plan), par })
 }
 
 /// What stands in a file, or the rule before there are any support vectors.
 fn dictionary(setting: &Setting, file: Option<&Path>) -> Result<Dictionary, Ending> {
     match file {
-        Some(file) => Dictionary::read(file, &setting.scenario),
+        Some(file) => Dictionary::read(file, setting),
         None => first_dictionary(setting, &[]),
     }
     .map_err(ending)

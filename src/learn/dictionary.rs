@@ -6,7 +6,6 @@ use faer::{Mat, MatRef};
 use sha2::{Digest, Sha256};
 
 use super::{Head, Job, Log, ManyError, PartsOf, Piece, Setting, read_part, unusable, write_part};
-use crate::agent::steps::parallelism;
 use crate::dictionary::{Ald, DictionaryError, Parameters, Selection, width_for_share};
 use crate::kernel::Kernel;
 use crate::policy::columns;
@@ -23,11 +22,11 @@ pub struct Dictionary {
 
 impl Dictionary {
     /// The rule of a scenario, with this width of the kernel, before it has taken anything.
-    fn new(scenario: &Scenario, sigma: f64) -> Result<Self, ManyError> {
-        let settings = &scenario.dictionary;
+    fn new(setting: &Setting, sigma: f64) -> Result<Self, ManyError> {
+        let settings = &setting.scenario.dictionary;
         let kernel = Kernel::radial(sigma, settings.exponent).map_err(|cause| no_dictionary(cause.into()))?;
         let (nu, budget, when_full) = (settings.nu, settings.budget, settings.when_full);
-        let parameters = Parameters { kernel, nu, budget, when_full, par: parallelism(&scenario.agent) };
+        let parameters = Parameters { kernel, nu, budget, when_full, par: setting.par };
         Ok(Dictionary { selection: Ald::new(parameters).map_err(no_dictionary)?, sigma })
     }
 
@@ -69,10 +68,10 @@ impl Dictionary {
     ///
     /// # Errors
     /// The file cannot be read, or is of another scenario.
-    pub fn read(path: &Path, scenario: &Scenario) -> Result<Self, ManyError> {
-        let (mut of, mut sigma) = (read_part(path, scenario)?, 0.0);
+    pub fn read(path: &Path, setting: &Setting) -> Result<Self, ManyError> {
+        let (mut of, mut sigma) = (read_part(path, &setting.scenario)?, 0.0);
         of.snapshot.number("sigma", &mut sigma).map_err(|cause| unusable(path, &cause))?;
-        let mut dictionary = Dictionary::new(scenario, sigma)?;
+        let mut dictionary = Dictionary::new(setting, sigma)?;
         dictionary.selection.persist(&mut of.snapshot).map_err(|cause| unusable(path, &cause))?;
         Ok(dictionary)
     }
@@ -130,12 +129,12 @@ pub fn first_dictionary(setting: &Setting, logs: &[Log]) -> Result<Dictionary, M
                 seen.extend(std::iter::from_fn(next).take(of_each).map(|sample| sample.observation));
             }
             let kernel = |sigma| Kernel::radial(sigma, settings.exponent);
-            let par = parallelism(&setting.scenario.agent);
             let x = columns(seen.iter().map(AsRef::as_ref));
-            width_for_share(x.as_ref(), settings.nu, settings.sigma_share, kernel, par).map_err(no_dictionary)?
+            width_for_share(x.as_ref(), settings.nu, settings.sigma_share, kernel, setting.par)
+                .map_err(no_dictionary)?
         }
     };
-    Dictionary::new(&setting.scenario, sigma)
+    Dictionary::new(setting, sigma)
 }
 
 /// What frames of a log have that a dictionary lacks.

@@ -27,6 +27,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use faer::Par;
 use thiserror::Error;
 
 pub use dictionary::{Candidates, Dictionary, candidates, first_dictionary, union};
@@ -84,6 +85,8 @@ pub struct Setting {
     pub scenario: Arc<Scenario>,
     /// Where rewards near walls are.
     pub plan: Arc<Plan>,
+    /// Threads for matrix products. Their bits do not depend on it.
+    pub par: Par,
 }
 
 /// Work on frames of one log.

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::{Dictionary, ManyError, Setting, Sums};
-use crate::agent::steps::{FitPolicies, Solve, SolveRequest, Tasks, parallelism};
+use crate::agent::steps::{FitPolicies, Solve, SolveRequest, Tasks};
 use crate::dictionary::Selection as _;
 use crate::policy;
 use crate::source::{Mark, MarkKind};
@@ -24,7 +24,6 @@ pub struct Learned {
 /// Sums that span no direction, values that cannot be fitted.
 pub fn model(setting: &Setting, dictionary: &Dictionary, sums: Sums) -> Result<Learned, ManyError> {
     let scenario = &setting.scenario;
-    let par = parallelism(&scenario.agent);
     let mut tasks = Tasks::new(scenario, setting.plan.clone());
     let mut notes = Vec::new();
     for marked in &sums.marks {
@@ -41,7 +40,8 @@ pub fn model(setting: &Setting, dictionary: &Dictionary, sums: Sums) -> Result<L
         goals: tasks.centres(),
         marks: tasks.marks.clone(),
     };
-    let update = FitPolicies::new(scenario.clone(), par).step(Solve::new(&scenario.slow, par).step(request));
+    let update =
+        FitPolicies::new(scenario.clone(), setting.par).step(Solve::new(&scenario.slow, setting.par).step(request));
     let learned = update.learned.map_err(ManyError::NoModel)?;
     notes.extend(update.notes);
     Ok(Learned { learned, notes, transitions: update.transitions })

@@ -3,8 +3,15 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
+use std::sync::Arc;
 use std::time::{Duration, Instant, SystemTime};
 
+use adagio::agent::{CHECKPOINT_NAME, read_checkpoint};
+use adagio::learn::{Log, Piece, Setting};
+use adagio::policy::columns;
+use adagio::scenario::Plan;
+use adagio::slow::Link;
+use faer::Par;
 use serde_json::Value;
 
 use crate::common::{adagio, report, smoke_run, stderr, stdout};
@@ -220,6 +227,42 @@ fn a_union_represents_every_frame_and_is_hardly_larger_than_that_of_one_stream()
         dictionary = next;
     }
     assert!(size as f64 <= 1.2 * one_stream as f64, "{size} in place of {one_stream}");
+}
+
+#[test]
+fn features_of_several_logs_are_slower_on_another_one_than_those_of_any_of_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let names = drives(folder, 4);
+    let [known @ .., held_out] = &names[..] else { unreachable!() };
+    let known: Vec<&str> = known.iter().map(String::as_str).collect();
+    let slowness = |logs: &[&str], out: &str| -> f64 {
+        learn(folder, logs, &[&WIDE[..], &["--no-evaluate", "--out", out]].concat());
+        let path = folder.join(out).join(CHECKPOINT_NAME);
+        let (learned, scenario) = read_checkpoint(&std::fs::read(&path).unwrap(), &path).unwrap();
+        let (plan, scenario) = (Arc::new(Plan::new(&scenario).unwrap()), Arc::new(scenario));
+        let log = Log::open(&folder.join(held_out), &scenario).unwrap();
+        let frames = Piece::whole(&log).samples(&Setting { scenario, plan, par: Par::Seq }).next(usize::MAX);
+        assert_eq!(frames.len(), 751);
+        let x = columns(frames.iter().map(|frame| &*frame.observation));
+        let y = learned.model.apply(x.as_ref(), Par::Seq).unwrap();
+        let of_feature = |i: usize| {
+            let y: Vec<f64> = y.row(i).iter().copied().collect();
+            let links: Vec<(f64, &Link)> =
+                y.windows(2).zip(&frames[1..]).map(|(y, frame)| (y[1] - y[0], frame.link.as_ref().unwrap())).collect();
+            let squares: f64 = links.iter().map(|(change, link)| link.weight * (change / link.dt).powi(2)).sum();
+            let mean = y.iter().sum::<f64>() / y.len() as f64;
+            let variance = y.iter().map(|y| (y - mean).powi(2)).sum::<f64>() / y.len() as f64;
+            squares / links.iter().map(|(_, link)| link.weight).sum::<f64>() / variance
+        };
+        // The first one is constant.
+        (1..=20).map(of_feature).sum::<f64>() / 20.0
+    };
+    let union = slowness(&known, "union");
+    for log in &known {
+        let single = slowness(&[log], &format!("of-{log}"));
+        assert!(union < single, "{union} by all, {single} by {log}");
+    }
 }
 
 #[test]
