@@ -201,7 +201,7 @@ impl Bench {
             candidates_written: [written_none, (written - written_none).max(0.0) / m as f64],
             candidates_read: [read_none, (read - read_none).max(0.0) / m as f64],
             sums_written,
-            merged: (merged_two - merged_one - 2.0 * transition * few).max(0.0),
+            merged: (merged_two - merged_one - transition * few).max(0.0),
             transition,
             model: [(with_few - fitted * few).max(0.0), fitted],
             frame_bytes: long.files.iter().map(|file| bytes(file)).sum::<f64>() / frames,
@@ -297,7 +297,7 @@ fn print(c: &Costs) {
         ("m candidates written, ms", ms(c.candidates_written[0] + c.m * c.candidates_written[1])),
         ("m candidates read, ms", ms(c.candidates_read[0] + c.m * c.candidates_read[1])),
         ("sums written, ms", ms(c.sums_written)),
-        ("sums read twice and added, ms", ms(c.merged)),
+        ("sums read and added, ms", ms(c.merged)),
         ("1000 transitions of a part read, ms", ms(1e3 * c.transition)),
         ("features and policies, 20 000 transitions, ms", ms(c.model[0] + WINDOW * c.model[1])),
         ("a frame in a log, bytes", c.frame_bytes),
@@ -326,8 +326,7 @@ fn tables(costs: &Costs) {
     for ((hours, log), how, failures) in usual.into_iter().chain([((100_000, 10), ", failures", often)]).chain(changed)
     {
         let changed = how == ", changed";
-        let found = if changed { vec![costs.m] } else { vec![costs.m, 0.0] };
-        let logs = Logs { count: hours / log, frames: 3600.0 * RATE * log as f64, found, changed };
+        let logs = Logs { count: hours / log, frames: 3600.0 * RATE * log as f64, found: vec![costs.m], changed };
         for workers in [2, 20, 200, 2000].into_iter().filter(|&workers| workers <= 2 * logs.count) {
             print!("| {hours}{how} | {log} | {workers} | ");
             let Some(of) = learn(costs, &logs, &Machines { workers, speed: 1.0, link, server, failures }) else {

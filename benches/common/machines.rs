@@ -178,7 +178,7 @@ pub struct Costs {
     pub candidates_written: [f64; 2],
     pub candidates_read: [f64; 2],
     pub sums_written: f64,
-    /// Sums read twice and added.
+    /// Sums read and added.
     pub merged: f64,
     /// A transition in sums, read.
     pub transition: f64,
@@ -201,11 +201,11 @@ pub struct Logs {
     pub changed: bool,
 }
 
-pub const STAGES: [&str; 8] = ["look", "width", "hash", "members", "union", "moments", "merge", "model"];
+pub const STAGES: [&str; 7] = ["look", "width", "members", "union", "moments", "merge", "model"];
 
 /// What learning takes: seconds of each of [`STAGES`].
 pub struct Forecast {
-    pub stages: [f64; 8],
+    pub stages: [f64; 7],
     pub passed: Passed,
     pub parts: f64,
     pub memory: f64,
@@ -223,8 +223,8 @@ pub const WIDTH_FRAMES: usize = 1000;
 
 /// The steps of `adagio learn`, in its order. The collector does one thing at a time, and waits while workers work.
 ///
-/// If it is changed: workers look at the logs; a log is not decoded to its end for a few observations; a dictionary is hashed once;
-/// candidates are not judged by a full one; and a part is read once.
+/// A log's dictionary is taken to be full with its last frames, so that all of them are judged. If the program is changed, workers look at
+/// the logs, and a log is not decoded to its end for a few observations.
 pub fn learn(costs: &Costs, logs: &Logs, machines: &Machines) -> Option<Forecast> {
     let (count, frames, c) = (logs.count as f64, logs.frames, costs);
     let (log_bytes, transitions) = (frames * c.frame_bytes, WINDOW.min(frames / PER_ACTION));
@@ -257,20 +257,17 @@ pub fn learn(costs: &Costs, logs: &Logs, machines: &Machines) -> Option<Forecast
             if round == 0 { [0.0, 0.0, c.growth] } else { [c.dictionary_read, c.dictionary_bytes, 0.0] };
         let written = c.candidates_written[0] + found * c.candidates_written[1];
         members += pass(once, give, seconds + frames * c.judge + growth + written)?;
-        // Each part is read for what it says of itself, and again for what is in it.
+        // Parts are read until the dictionary is full.
         let read = c.candidates_read[0] + found * c.candidates_read[1] + give / machines.server;
-        let (judged, times) = if logs.changed { (count.min(2.0), 1.0) } else { (count, 2.0) };
-        union +=
-            judged * (times * read + found * (c.judge - c.decode)) + growth + c.dictionary_written + 3.0 * c.digest;
+        let judged = if found > 0.0 { count.min((c.m / found).ceil()) } else { count };
+        union += judged * (read + found * (c.judge - c.decode)) + growth + c.dictionary_written + 4.0 * c.digest;
         parts += count * give;
     }
     let moments = pass(c.dictionary_bytes, sums_bytes, c.dictionary_read + frames * c.sum + c.sums_written)?;
     parts += count * sums_bytes;
-    let twice = count * (c.merged + 2.0 * (transitions * c.transition + sums_bytes / machines.server));
-    let merge = if logs.changed { 0.5 * twice } else { twice };
-    let hash = (if logs.changed { 1.0 } else { count }) * c.digest * (logs.found.len() as f64 + 1.0);
+    let merge = count * (c.merged + transitions * c.transition + sums_bytes / machines.server) + 2.0 * c.digest;
     let model = c.model[0] + c.model[1] * WINDOW.min(count * transitions);
     // Sums of a power of two logs each; and of the part that is read its bytes, its matrices, and a copy of one of them.
     let memory = (count.log2().floor() + 1.0 + 2.5) * c.sums_bytes + c.dictionary_bytes;
-    Some(Forecast { stages: [look, width, hash, members, union, moments, merge, model], passed, parts, memory })
+    Some(Forecast { stages: [look, width, members, union, moments, merge, model], passed, parts, memory })
 }
