@@ -48,11 +48,13 @@ pub(crate) mod steps {
     pub use super::actors::act::answer;
     pub use super::actors::fit::FitPolicies;
     pub use super::actors::learn::saved::{PlaceWindow, put_window, take_window};
-    pub use super::actors::learn::{Learn, Sample, Seen, Transitions};
+    pub use super::actors::learn::{Learn, SERIES, Sample, Seen, Transitions};
     pub use super::actors::messages::{Marked, SolveRequest};
     pub use super::actors::perceive::Perceive;
     pub use super::actors::saved::{Observations, SavedMark};
     pub use super::actors::solve::Solve;
+    #[cfg(test)]
+    pub use super::actors::tasks::ActionEnd;
     pub use super::actors::tasks::Tasks;
     pub use super::runtime::threads::parallelism;
     pub use super::runtime::timing::ModelTiming;

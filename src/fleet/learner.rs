@@ -7,7 +7,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use crate::agent::steps::{
-    FitPolicies, Learn, Marked, ModelTiming, Observations, SavedMark, Seen, Solve, Tasks, answer, parallelism,
+    FitPolicies, Learn, Marked, ModelTiming, Observations, SERIES, SavedMark, Seen, Solve, Tasks, answer, parallelism,
 };
 use crate::agent::{Batch, CheckpointError, LearnError, SavedState, Update, read_state, state_bytes, write_state};
 use crate::scenario::{Plan, Scenario};
@@ -23,6 +23,8 @@ pub struct Robot {
     pub frames: u64,
     /// The first frame that was not learned from.
     pub next: u64,
+    /// Its frames are numbered from so many times [`SERIES`] on: as one way that goes on from batch to batch.
+    series: u64,
 }
 
 /// Dictionary, sums, window and values of a fleet.
@@ -34,10 +36,10 @@ pub struct Learner {
     fit: FitPolicies,
     /// By name.
     robots: BTreeMap<String, Robot>,
-    /// What each robot has marked, with the numbers that its frames have there.
-    marks: BTreeMap<String, Vec<(u64, Marked)>>,
-    /// Frames of all robots, and gaps between batches, are numbered up to here.
-    end: u64,
+    /// What each robot has marked.
+    marks: BTreeMap<String, Vec<Marked>>,
+    /// Runs of robots that frames were learned from.
+    runs: u64,
     /// The newest model.
     pub update: Option<Update>,
     /// Frames that were left out, as their values were not finite.
@@ -58,7 +60,7 @@ impl Learner {
             tasks,
             robots: BTreeMap::new(),
             marks: BTreeMap::new(),
-            end: 0,
+            runs: 0,
             update: None,
             quarantined: 0,
         }
@@ -82,28 +84,26 @@ impl Learner {
     pub fn take(&mut self, name: &str, mut batch: Batch) -> Result<(), LearnError> {
         let robot = self.robots.entry(name.to_owned()).or_default();
         batch.samples.retain(|sample| sample.observation.frame >= robot.next);
-        let Some((first, last)) = batch.span() else { return Ok(()) };
-        let base = self.end;
-        let numbered =
-            |of: &Observation| Arc::new(Observation { frame: base + of.frame - first, pixels: of.pixels.clone() });
-        let known = self.marks.remove(name).unwrap_or_default();
-        let mark = |marked: &Marked| {
-            let frame = marked.observation.frame;
-            let before = known.iter().find(|(of, _)| *of == frame).map(|(_, marked)| marked.observation.clone());
-            let observation = before.or_else(|| (frame >= first).then(|| numbered(&marked.observation)))?;
-            Some((frame, Marked { observation, ..marked.clone() }))
-        };
-        let marks: Vec<(u64, Marked)> = batch.marks.iter().filter_map(mark).collect();
-        self.marks.insert(name.to_owned(), marks);
+        let Some(last) = batch.samples.last().map(|sample| sample.observation.frame) else { return Ok(()) };
+        if robot.frames == 0 {
+            // Not in the order in which they have joined, which may be another each time.
+            robot.series = self.runs;
+            self.runs += 1;
+        }
+        let first = robot.series * SERIES;
+        let numbered = |of: &Observation| Arc::new(Observation { frame: first + of.frame, pixels: of.pixels.clone() });
+        let marks = batch.marks.iter().map(|of| Marked { observation: numbered(&of.observation), ..of.clone() });
+        self.marks.insert(name.to_owned(), marks.collect());
         let mut tasks = self.tasks.clone();
-        tasks.set_marks(self.marks.values().flatten().map(|(_, marked)| marked.clone()).collect());
+        tasks.set_marks(self.marks.values().flatten().cloned().collect());
         let tasks = Arc::new(tasks);
         robot.frames += batch.samples.len() as u64;
         robot.next = last + 1;
-        self.end = base + (last - first) + 2;
         for (number, mut sample) in batch.samples.into_iter().enumerate() {
-            // What was before is another robot's, or was long ago.
-            sample.link = sample.link.filter(|_| number > 0);
+            if let (0, Some(link)) = (number, &mut sample.link) {
+                // The action goes on; but the frame that comes before it here is another robot's, or was long ago.
+                link.weight = 0.0;
+            }
             sample.observation = numbered(&sample.observation);
             let seen = Seen { sample, stamp_ns: 0, tasks: tasks.clone(), changed: false };
             let learned = self.learn.step(seen, true)?;
@@ -134,7 +134,7 @@ impl Learner {
     pub fn save(&mut self, path: &Path) -> Result<(), CheckpointError> {
         let mut snapshot = Snapshot::new();
         self.persist(&mut snapshot).map_err(|cause| CheckpointError::Damaged(cause.to_string()))?;
-        write_state(path, SavedState { snapshot, frame: self.end, stamp_ns: 0 }, &self.scenario.clone())
+        write_state(path, SavedState { snapshot, frame: 0, stamp_ns: 0 }, &self.scenario.clone())
     }
 
     /// Go on from what was saved by a learner of the same scenario.
@@ -153,7 +153,7 @@ impl Persist for Learner {
         snapshot.inner("solve", &mut self.solve)?;
         snapshot.inner("fit", &mut self.fit)?;
         snapshot.value("robots", &mut self.robots)?;
-        snapshot.value("end", &mut self.end)?;
+        snapshot.value("runs", &mut self.runs)?;
         snapshot.value("quarantined", &mut self.quarantined)?;
         let mut there = self.update.is_some();
         snapshot.value("update", &mut there)?;
@@ -161,17 +161,15 @@ impl Persist for Learner {
             snapshot.scope("update", |snapshot| answer(snapshot, &mut self.update))?;
         }
         let (mut seen, values) = (Observations::default(), self.scenario.vision.values());
-        let mut marks: BTreeMap<String, Vec<(u64, SavedMark)>> = BTreeMap::new();
+        let mut marks: BTreeMap<String, Vec<SavedMark>> = BTreeMap::new();
         for (name, of) in &self.marks {
-            let saved = of.iter().map(|(frame, marked)| (*frame, seen.add_mark(marked))).collect();
-            marks.insert(name.clone(), saved);
+            marks.insert(name.clone(), of.iter().map(|marked| seen.add_mark(marked)).collect());
         }
         snapshot.value("marks", &mut marks)?;
         snapshot.scope("marks", |snapshot| seen.persist(snapshot, values))?;
         if snapshot.is_restoring() {
             let restored = marks.into_iter().map(|(name, of)| {
-                let of = of.into_iter().map(|(frame, mark)| Ok((frame, seen.mark(mark)?)));
-                Ok((name, of.collect::<Result<_, SnapshotError>>()?))
+                Ok((name, of.into_iter().map(|mark| seen.mark(mark)).collect::<Result<_, SnapshotError>>()?))
             });
             self.marks = restored.collect::<Result<_, SnapshotError>>()?;
         }
@@ -218,7 +216,8 @@ pub fn update_of(bytes: &[u8], asked_at: u64, scenario: &Scenario) -> Result<Upd
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::agent::steps::Sample;
+    use crate::agent::steps::{ActionEnd, Sample};
+    use crate::slow::Link;
 
     fn batch(frames: std::ops::Range<u64>, marked: &[u64], scenario: &Scenario) -> Batch {
         let seen = |frame| {
@@ -247,11 +246,11 @@ mod tests {
         learner.take("a", wire(batch(5..15, &[3, 12], &scenario))).unwrap();
         let marks = |learner: &Learner| -> Vec<(u64, Option<[f64; 2]>)> {
             let marks = learner.marks.values().flatten();
-            marks.map(|(_, marked)| (marked.observation.frame, marked.place)).collect()
+            marks.map(|marked| (marked.observation.frame, marked.place)).collect()
         };
-        // Batches begin at 0, 11 and 32; that of frames 10 to 14 has its frame 12 at 34.
-        let of_a = [(3, Some([3.0, 1.0])), (34, Some([12.0, 1.0]))];
-        assert_eq!(marks(&learner), [of_a[0], of_a[1], (15, Some([4.0, 1.0]))]);
+        // The other robot's frames are numbered from there on.
+        let of_a = [(3, Some([3.0, 1.0])), (12, Some([12.0, 1.0]))];
+        assert_eq!(marks(&learner), [of_a[0], of_a[1], (SERIES + 4, Some([4.0, 1.0]))]);
         let robots = |learner: &Learner| learner.robots().values().map(|of| (of.frames, of.next)).collect::<Vec<_>>();
         assert_eq!(robots(&learner), [(15, 15), (20, 20)]);
 
@@ -267,5 +266,33 @@ mod tests {
         assert!(marks(&restored).is_empty());
         restored.take("b", wire(batch(0..5, &[], &scenario))).unwrap();
         assert_eq!(robots(&restored), [(16, 16), (5, 5)]);
+    }
+
+    #[test]
+    fn the_way_of_a_robot_goes_on_from_batch_to_batch() {
+        let text = include_str!("../../scenarios/lab.toml");
+        let scenario =
+            Arc::new(Scenario::parse(text, Path::new("lab.toml"), &["dictionary.sigma=1000".into()]).unwrap());
+        let mut learner = Learner::new(&scenario, &Arc::new(Plan::new(&scenario).unwrap()));
+        // An action a frame; with the frames that are missing before frame 30 the outcome of one is not known.
+        let driven = |frames: std::ops::Range<u64>, missing: bool| {
+            let mut batch = batch(frames, &[], &scenario);
+            for (number, sample) in batch.samples.iter_mut().enumerate() {
+                let end = ActionEnd { place: [0.0, 0.0].into(), blocked: false, rewards: Vec::new() };
+                (sample.boundary, sample.action) = (Some((end, 7)), scenario.robot.actions.get(0));
+                sample.link = (number > 0 || !missing).then_some(Link { dt: 0.2, weight: 5.0 });
+            }
+            batch
+        };
+        for (name, batch) in [
+            ("a", driven(0..10, true)),
+            ("b", driven(0..5, true)),
+            ("a", driven(10..20, false)),
+            ("b", driven(5..10, false)),
+            ("a", driven(30..35, true)),
+        ] {
+            learner.take(name, batch).unwrap();
+        }
+        assert_eq!(learner.model().unwrap().unwrap().transitions, 19 + 9 + 4);
     }
 }

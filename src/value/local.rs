@@ -275,7 +275,7 @@ fn nearer(nearest: &mut Vec<(f32, u32)>, kept: usize, of: (f32, u32)) {
 }
 
 /// Squared distance of two points, in single precision: of differences, so that nothing is lost.
-fn apart(points: MatRef<'_, f32>, point: u32, at: &[f32]) -> f32 {
+pub(super) fn apart(points: MatRef<'_, f32>, point: u32, at: &[f32]) -> f32 {
     let Some(of) = points.col(point as usize).try_as_col_major() else { return f32::INFINITY };
     let (of, rest) = of.as_slice().as_chunks::<LANES>();
     let (at, rest_at) = at.as_chunks::<LANES>();

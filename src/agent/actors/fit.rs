@@ -12,6 +12,7 @@ use rayon::prelude::*;
 
 use super::doubts::doubts;
 use super::kernel_rows::KernelRows;
+use super::learn::SERIES;
 use super::messages::{FitRequest, Item, Marked, TaskOutcomes, TaskTransition, Update};
 use super::record::{Level, Recorder};
 use crate::agent::runtime::clock::Clock;
@@ -43,8 +44,8 @@ pub struct FitPolicies {
     epoch: u32,
     /// Where the observations of the window lie, by frame, as the model before had it; none where places are not told.
     poses: BTreeMap<u64, Pose>,
-    /// The last frame that was known when a map of places was looked for from nothing.
-    searched: u64,
+    /// The last frame of each robot that was known when a map of places was looked for from nothing; see [`SERIES`].
+    searched: BTreeMap<u64, u64>,
     /// What people were told with the model before.
     told: Vec<String>,
 }
@@ -59,7 +60,7 @@ impl FitPolicies {
     /// A fitter for the tasks of a scenario; its results do not depend on `par`.
     pub fn new(scenario: Arc<Scenario>, par: Par) -> Self {
         let (rows, poses) = (KernelRows::new(scenario.agent.compute), BTreeMap::new());
-        FitPolicies { rows, scenario, par, epoch: 0, poses, searched: 0, told: Vec::new() }
+        FitPolicies { rows, scenario, par, epoch: 0, poses, searched: BTreeMap::new(), told: Vec::new() }
     }
 
     /// Who computes the kernel values of the window, as far as there was a choice.
@@ -143,9 +144,13 @@ impl FitPolicies {
         let before: Vec<Option<Pose>> = place.keys().map(|frame| self.poses.get(frame).copied()).collect();
         let noise = if robot.body == Body::Program { MotionNoise::PLAYER } else { MotionNoise::ROBOT };
         let (steps, points) = (projected.steps(&robot.actions, window), points.clone());
-        let new = place.range(self.searched + 1..).count();
-        let map = if 2 * new >= place.len() {
-            self.searched = place.keys().next_back().copied().unwrap_or(0);
+        let series = |frame: u64| frame / SERIES;
+        let new = place.keys().filter(|&&frame| {
+            let first = series(frame) * SERIES;
+            frame > self.searched.get(&series(frame)).copied().unwrap_or(first)
+        });
+        let map = if 2 * new.count() >= place.len() {
+            self.searched = place.keys().map(|&frame| (series(frame), frame)).collect();
             PlaceMap::new(points, &steps, &before, noise)?
         } else {
             PlaceMap::go_on(points, &steps, &before, noise)?

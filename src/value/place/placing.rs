@@ -8,7 +8,7 @@ use rand::Rng;
 
 use super::Pose;
 use super::belief::{Belief, mode};
-use super::looks::GROWS;
+use super::looks::{GROWS, KNOWN};
 use super::map::check;
 use super::metric::{MotionNoise, PlaceMetric};
 use super::states::{BESIDE, Cells, PlaceMap, width};
@@ -38,7 +38,7 @@ const EXPECTED: f64 = 0.0;
 /// A way that is shorter than this says too little.
 const SHORT: usize = 12;
 /// Particles of a robot whose place is known.
-const KNOWN: usize = 200;
+const PARTICLES: usize = 200;
 
 impl PlaceMap {
     /// Place states in the order in which they were met. `None` where there is nothing to begin with: no two states that differ,
@@ -105,7 +105,7 @@ impl PlaceMap {
 /// better.
 fn place(map: &mut PlaceMap, steps: &[Option<MapStep>], (before, anew): (&[Option<Pose>], bool)) {
     let ways = ways(steps);
-    let goes_on = before.iter().flatten().count() > KNOWN;
+    let goes_on = before.iter().flatten().count() > PARTICLES;
     let anew = anew || !goes_on;
     let (tries, sweeps) = if anew { (TRIES[usize::from(goes_on)], SWEEPS) } else { (0, GOING_ON) };
     let first = u64::from(!goes_on);
@@ -148,12 +148,25 @@ struct Track<'a> {
     is_first: bool,
     /// It begins where that lay before.
     stays: bool,
+    /// Whether it begins at a known place, or has come to one since: before, the map does not grow, as nobody knows where.
+    known: bool,
+    joined: bool,
 }
 
 impl<'a> Track<'a> {
     fn new(map: &'a mut PlaceMap, (way, stays): (Range<usize>, bool), steps: &'a [Option<MapStep>]) -> Self {
         let is_first = map.poses.iter().all(Option::is_none);
-        Track { map, way, steps, belief: Belief::default(), trail: VecDeque::new(), is_first, stays }
+        Track {
+            map,
+            way,
+            steps,
+            belief: Belief::default(),
+            trail: VecDeque::new(),
+            is_first,
+            stays,
+            known: false,
+            joined: false,
+        }
     }
 
     /// Place its states; how much what was seen was expected in all, a logarithm.
@@ -167,8 +180,10 @@ impl<'a> Track<'a> {
                 let step = self.steps[state - 1].expect("a way has a step between any two states");
                 let metric = self.map.metric;
                 self.belief.drive(metric.noise, step, metric.unit, rng);
-                let (expected, on) = self.map.look(&mut self.belief, &seen, without, (GROWS, 0.0), rng);
+                let unseen = if self.known || self.joined { GROWS } else { KNOWN };
+                let (expected, on) = self.map.look(&mut self.belief, &seen, without, (unseen, 0.0), rng);
                 (sum, goes_on) = (sum + expected, on);
+                self.joined = goes_on && (self.joined || self.belief.expected > GROWS);
             } else {
                 self.begin(state, &seen, without, rng);
             }
@@ -188,11 +203,12 @@ impl<'a> Track<'a> {
     fn begin(&mut self, state: usize, seen: &[f32], without: Range<usize>, rng: &mut impl Rng) {
         // Where another map is looked for, where it lay is no more than a guess.
         let known = if self.is_first { Some(Pose::default()) } else { self.map.poses[state] };
+        self.known = known.is_some();
         if known.is_none() || !self.stays {
             self.belief = self.map.anywhere(seen, without, rng);
         }
-        let share = 1.0 / KNOWN as f64;
-        self.belief.particles.extend(known.into_iter().flat_map(|pose| [(pose, share); KNOWN]));
+        let share = 1.0 / PARTICLES as f64;
+        self.belief.particles.extend(known.into_iter().flat_map(|pose| [(pose, share); PARTICLES]));
         let sum = self.belief.particles.iter().map(|of| of.1).sum::<f64>();
         self.belief.particles.iter_mut().for_each(|of| of.1 /= sum);
     }
@@ -210,7 +226,7 @@ impl<'a> Track<'a> {
     /// Place the first states of the trail, so many.
     fn settle(&mut self, last: usize, count: usize) {
         let first = last + 1 - self.trail.len();
-        let knows = self.is_first || self.belief.expected > EXPECTED;
+        let knows = self.is_first || (self.known || self.joined) && self.belief.expected > EXPECTED;
         let mut at: Vec<u32> = (0..self.belief.particles.len() as u32).collect();
         for (place, particles) in self.trail.iter().enumerate().rev() {
             if particles.is_empty() {

@@ -9,6 +9,7 @@ use faer::{Mat, MatRef};
 
 use super::goals::{GoalPlaces, square};
 use super::{PlaceMetric, Pose, nearest};
+use crate::value::local::apart;
 
 /// Width of likeness: so many times as far as states are from the third of those that are most like them and were not met beside them.
 const WIDTH: f64 = 1.3;
@@ -83,9 +84,7 @@ impl PlaceMap {
     }
 
     pub(super) fn likeness(&self, state: u32, seen: &[f32]) -> f64 {
-        // Columns of a matrix of our own lie in one piece.
-        let Some(of) = self.points.col(state as usize).try_as_col_major() else { return 0.0 };
-        let squared: f32 = of.as_slice().iter().zip(seen).map(|(&a, &b)| (a - b) * (a - b)).sum();
+        let squared = apart(self.points.as_ref(), state, seen);
         (-0.5 * f64::from(squared) / (self.metric.width * self.metric.width)).exp()
     }
 

@@ -218,6 +218,46 @@ fn a_map_goes_on_and_is_the_same_by_its_points() {
     assert!(Belief::from_parts((vec![[0, 0, f64::NAN.to_bits(), 0]], 0, 0)).is_err());
 }
 
+/// Places of states that were met on several ways, and where they truly are.
+fn ways(ways: &mut [(Rooms, f64, usize)]) -> (Vec<Option<Pose>>, Vec<Pose>) {
+    let (mut seen, mut all, mut truth): (Vec<Mat<f32>>, Vec<Option<MapStep>>, Vec<Pose>) = Default::default();
+    for (rooms, x, length) in ways {
+        let (points, steps, poses) = rooms.drive(*length);
+        if !seen.is_empty() {
+            all.push(None);
+        }
+        seen.push(points);
+        all.extend(steps);
+        truth.extend(poses.into_iter().map(|pose| Pose { x: pose.x + *x, ..pose }));
+    }
+    let columns: Vec<Vec<f32>> =
+        seen.iter().flat_map(|of| of.col_iter().map(|column| column.iter().copied().collect())).collect();
+    let points = Mat::from_fn(6, columns.len(), |i, j| columns[j][i]);
+    let map = PlaceMap::new(points, &all, &vec![None; truth.len()], NOISE).unwrap().unwrap();
+    (map.poses().to_vec(), truth)
+}
+
+#[test]
+fn ways_of_several_robots_join_where_they_meet_and_until_then_have_no_places() {
+    let placed = |poses: &[Option<Pose>]| poses.iter().flatten().count();
+    // The one in the red room comes to no place where the other one was.
+    let alone = |seed| [(Rooms::new(1, 1, seed), 0.0, 1000), (Rooms::new(1, 0, seed + 1), ROOM, 1000)];
+    for seed in [21, 31, 41] {
+        let (poses, _) = ways(&mut alone(seed));
+        assert!(placed(&poses[..1000]) > 900, "seed {seed}: {} of the first", placed(&poses[..1000]));
+        assert!(placed(&poses[1000..]) < 100, "seed {seed}: {} of the second", placed(&poses[1000..]));
+        // A third one drives through both rooms.
+        let third = (Rooms::new(2, 1, seed + 2), 0.0, 2000);
+        let (poses, truth) = ways(&mut alone(seed).into_iter().chain([third]).collect::<Vec<_>>());
+        assert!(placed(&poses[1000..2000]) > 800, "seed {seed}: {} of the second", placed(&poses[1000..2000]));
+        let pairs = (0..1000).step_by(3).chain(1000..2000).flat_map(|a| (2000..4000).step_by(7).map(move |b| (a, b)));
+        let near = pairs.filter(|&(a, b)| poses[a].zip(poses[b]).is_some_and(|(a, b)| same(a, b, 0.5)));
+        let right: Vec<bool> = near.map(|(a, b)| same(truth[a], truth[b], 1.5)).collect();
+        let count = right.iter().filter(|&&right| right).count();
+        assert!(right.len() > 500 && count * 10 > right.len() * 9, "seed {seed}: {count} of {}", right.len());
+    }
+}
+
 #[test]
 fn a_map_tells_what_is_seen_behind_a_turn() {
     let mut rooms = Rooms::new(1, 0, 3);

@@ -7,6 +7,7 @@ mod thread;
 
 pub use thread::{LearnLoop, LearnResult};
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use faer::{Mat, Par};
@@ -29,6 +30,9 @@ use crate::vision::Observation;
 /// How many new support vectors are gathered before retained frames get their coordinates.
 const SETTLE_AT: usize = 128;
 
+/// Frames of several robots, each numbered from a multiple of this on.
+pub const SERIES: u64 = 1 << 40;
+
 /// A frame to be learned from.
 pub struct Sample {
     pub observation: Arc<Observation>,
@@ -49,32 +53,33 @@ pub struct Seen {
     pub changed: bool,
 }
 
-/// A window of the transitions of a series of frames.
+/// A window of the transitions of frames.
 pub struct Transitions {
     pub window: Window<Arc<Observation>, ActionEnd>,
-    /// The observation before the action that is going on, and its cell.
-    last_boundary: Option<(Arc<Observation>, usize)>,
+    /// The observation before the action that is going on, and its cell; by robot, see [`SERIES`].
+    boundaries: BTreeMap<u64, (Arc<Observation>, usize)>,
 }
 
 impl Transitions {
     /// None yet, and at most so many.
     pub fn new(capacity: usize) -> Self {
-        Transitions { window: Window::new(capacity), last_boundary: None }
+        Transitions { window: Window::new(capacity), boundaries: BTreeMap::new() }
     }
 
     /// The next frame, and its cell; `None` where nothing is known of it.
     pub fn add(&mut self, frame: &Sample, cell: Option<usize>) {
+        let series = frame.observation.frame / SERIES;
         if frame.link.is_none() {
             // Frames are missing before this one: the outcome of the action is not known.
-            self.last_boundary = None;
+            self.boundaries.remove(&series);
         }
         let Some((end, allowed)) = frame.boundary.clone() else { return };
         let Some(cell) = cell else {
             // Nothing is known of where this action ended and the next one began.
-            self.last_boundary = None;
+            self.boundaries.remove(&series);
             return;
         };
-        let before = self.last_boundary.replace((frame.observation.clone(), cell));
+        let before = self.boundaries.insert(series, (frame.observation.clone(), cell));
         if let (Some((from, cell)), Some(action)) = (before, frame.action) {
             let (action, to) = (action.index(), frame.observation.clone());
             self.window.push(Transition { from, action, allowed, result: end, to, cell });

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::super::saved::{Observations, action_of, link_bits, link_of, place_bits, place_of, wrong};
 use super::super::tasks::ActionEnd;
-use super::{Learn, Sample};
+use super::{Learn, SERIES, Sample};
 use crate::robot::Action;
 use crate::snapshot::{Persist, Snapshot, SnapshotError};
 use crate::value::{Transition, Window};
@@ -53,8 +53,9 @@ impl Learn {
     fn put_seen(&self, snapshot: &mut Snapshot, values: usize) -> Result<(), SnapshotError> {
         let mut seen = Observations::default();
         put_window(&self.transitions.window, &mut seen, snapshot)?;
-        let mut last_boundary = self.transitions.last_boundary.as_ref().map(|(before, cell)| (seen.add(before), *cell));
-        snapshot.value("last_boundary", &mut last_boundary)?;
+        let boundaries = self.transitions.boundaries.values();
+        let mut boundaries: Vec<(u64, usize)> = boundaries.map(|(before, cell)| (seen.add(before), *cell)).collect();
+        snapshot.value("boundaries", &mut boundaries)?;
         put_samples(&self.pending, &mut seen, snapshot)?;
         seen.persist(snapshot, values)
     }
@@ -63,12 +64,10 @@ impl Learn {
         let mut seen = Observations::default();
         seen.persist(snapshot, values)?;
         self.transitions.window = take_window(self.scenario.value.window, &seen, snapshot)?;
-        let mut last_boundary: Option<(u64, usize)> = None;
-        snapshot.value("last_boundary", &mut last_boundary)?;
-        self.transitions.last_boundary = match last_boundary {
-            Some((frame, cell)) => Some((seen.get(frame)?, cell)),
-            None => None,
-        };
+        let mut boundaries: Vec<(u64, usize)> = Vec::new();
+        snapshot.value("boundaries", &mut boundaries)?;
+        let of = boundaries.into_iter().map(|(frame, cell)| Ok((frame / SERIES, (seen.get(frame)?, cell))));
+        self.transitions.boundaries = of.collect::<Result<_, SnapshotError>>()?;
         self.pending = take_samples(&seen, snapshot)?;
         Ok(())
     }
