@@ -4,6 +4,7 @@
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
 
+use adagio::learn::STRETCH;
 use adagio::random;
 use rand::{Rng, RngExt};
 
@@ -195,7 +196,7 @@ pub struct Costs {
 pub struct Logs {
     pub count: usize,
     pub frames: f64,
-    /// Candidates of a log, for each round.
+    /// Candidates of a piece of a log, for each round.
     pub found: Vec<f64>,
     /// Whether the program is as it could be: see [`learn`].
     pub changed: bool,
@@ -227,14 +228,18 @@ pub const WIDTH_FRAMES: usize = 1000;
 /// the logs, and a log is not decoded to its end for a few observations.
 pub fn learn(costs: &Costs, logs: &Logs, machines: &Machines) -> Option<Forecast> {
     let (count, frames, c) = (logs.count as f64, logs.frames, costs);
-    let (log_bytes, transitions) = (frames * c.frame_bytes, WINDOW.min(frames / PER_ACTION));
+    // Each piece is found by reading what comes before it in its log.
+    let pieces = (frames / STRETCH as f64).ceil();
+    let (parts_of_all, of_piece) = (count * pieces, frames / pieces);
+    let before = 0.5 * (pieces - 1.0) * of_piece * c.decode;
+    let (log_bytes, transitions) = (frames * c.frame_bytes, WINDOW.min(of_piece / PER_ACTION));
     let sums_bytes = c.sums_bytes + transitions * c.transition_bytes;
     let mut random = random::stream(1, "bench failures");
     let [mut members, mut union, mut parts] = [0.0; 3];
     let mut passed = Passed::default();
-    let mut pass = |once: f64, give: f64, compute: f64| {
-        let compute = c.start + frames * c.look + compute;
-        let now = machines.pass(&Work { pieces: logs.count, once, fetch: log_bytes, give, compute }, &mut random)?;
+    let mut pass = |of_log: f64, once: f64, give: f64, compute: f64| {
+        let (pieces, compute) = (logs.count * of_log as usize, c.start + frames * c.look + compute);
+        let now = machines.pass(&Work { pieces, once, fetch: log_bytes, give, compute }, &mut random)?;
         passed = Passed { seconds: 0.0, busy: passed.busy + now.busy, wire: passed.wire + now.wire };
         Some(now.seconds)
     };
@@ -243,7 +248,7 @@ pub fn learn(costs: &Costs, logs: &Logs, machines: &Machines) -> Option<Forecast
     let opened = if logs.changed { 2.0 } else { count + 2.0 };
     let mut look = c.start + opened * (frames * c.look + log_bytes / machines.server);
     if logs.changed {
-        look += pass(0.0, 0.0, 0.0)?;
+        look += pass(1.0, 0.0, 0.0, 0.0)?;
     }
     // Observations of up to 1000 logs, which are decoded to their end.
     let asked = logs.count.div_ceil(logs.count.div_ceil(WIDTH_FRAMES));
@@ -256,18 +261,19 @@ pub fn learn(costs: &Costs, logs: &Logs, machines: &Machines) -> Option<Forecast
         let [seconds, once, growth] =
             if round == 0 { [0.0, 0.0, c.growth] } else { [c.dictionary_read, c.dictionary_bytes, 0.0] };
         let written = c.candidates_written[0] + found * c.candidates_written[1];
-        members += pass(once, give, seconds + frames * c.judge + growth + written)?;
+        members += pass(pieces, once, give, seconds + before + of_piece * c.judge + growth + written)?;
         // Parts are read until the dictionary is full.
         let read = c.candidates_read[0] + found * c.candidates_read[1] + give / machines.server;
-        let judged = if found > 0.0 { count.min((c.m / found).ceil()) } else { count };
+        let judged = if found > 0.0 { parts_of_all.min((c.m / found).ceil()) } else { parts_of_all };
         union += judged * (read + found * (c.judge - c.decode)) + growth + c.dictionary_written + 4.0 * c.digest;
-        parts += count * give;
+        parts += parts_of_all * give;
     }
-    let moments = pass(c.dictionary_bytes, sums_bytes, c.dictionary_read + frames * c.sum + c.sums_written)?;
-    parts += count * sums_bytes;
-    let merge = count * (c.merged + transitions * c.transition + sums_bytes / machines.server) + 2.0 * c.digest;
-    let model = c.model[0] + c.model[1] * WINDOW.min(count * transitions);
+    let compute = c.dictionary_read + before + of_piece * c.sum + c.sums_written;
+    let moments = pass(pieces, c.dictionary_bytes, sums_bytes, compute)?;
+    parts += parts_of_all * sums_bytes;
+    let merge = parts_of_all * (c.merged + transitions * c.transition + sums_bytes / machines.server) + 2.0 * c.digest;
+    let model = c.model[0] + c.model[1] * WINDOW.min(parts_of_all * transitions);
     // Sums of a power of two logs each; and of the part that is read its bytes, its matrices, and a copy of one of them.
-    let memory = (count.log2().floor() + 1.0 + 2.5) * c.sums_bytes + c.dictionary_bytes;
+    let memory = (parts_of_all.log2().floor() + 1.0 + 2.5) * c.sums_bytes + c.dictionary_bytes;
     Some(Forecast { stages: [look, width, members, union, moments, merge, model], passed, parts, memory })
 }

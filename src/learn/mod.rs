@@ -32,7 +32,7 @@ use thiserror::Error;
 
 pub use dictionary::{Candidates, Dictionary, candidates, first_dictionary, union};
 pub use model::{Learned, model};
-pub use recordings::{LeftOut, Log, Piece, Recordings};
+pub use recordings::{LeftOut, Log, Piece, Recordings, STRETCH};
 pub use sums::{Sums, merge, sums};
 
 use crate::agent::{CheckpointError, SavedState, read_state, read_state_head, write_state};

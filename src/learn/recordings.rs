@@ -18,7 +18,7 @@ use crate::vision::Observation;
 /// Bytes of a file that are hashed at a time.
 const AT_ONCE: usize = 1 << 20;
 /// Frames that are worked on alone, at most: some hours of driving.
-const STRETCH: u64 = 1 << 16;
+pub const STRETCH: u64 = 1 << 16;
 
 /// A log that can be learned from.
 #[derive(Debug, Clone)]
