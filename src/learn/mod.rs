@@ -164,7 +164,7 @@ pub struct Work {
     pub verb: &'static str,
     /// The log.
     pub log: PathBuf,
-    /// Of this many of its frames, from the first one.
+    /// Which of its frames, as they come in it from 0.
     pub frames: Range<u64>,
     /// The complete scenario.
     pub scenario: PathBuf,
