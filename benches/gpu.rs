@@ -10,7 +10,7 @@ use std::time::Instant;
 use common::data::D;
 use common::simulation;
 
-use adagio::gpu::{Adapters, Gpu, GpuError, Of, Rows, Tile};
+use adagio::gpu::{Adapters, Gpu, GpuError, Of, Rows};
 use adagio::kernel::{Kernel, squared_norms};
 use adagio::slow::SlowModel;
 use adagio::vision::Image;
@@ -68,25 +68,23 @@ fn measure(gpu: &Arc<Gpu>) -> Result<(), GpuError> {
         "\n{N} observations of {D} values; `without transfers`: of the device's f32 rate; features: kernel values and {K} features of them, as a refit has them"
     );
     println!(
-        "\n| support vectors | tile | without transfers | kernel values on the device, frames/s | products there, values here | processor | features, with the device | processor |"
+        "\n| support vectors | without transfers | kernel values on the device, frames/s | products there, values here | processor | features, with the device | processor |"
     );
-    println!("|---|---|---|---|---|---|---|---|");
+    println!("|---|---|---|---|---|---|---|");
     for m in VECTORS {
         // In software the smallest takes a minute.
         if !gpu.is_software() {
-            for tile in Tile::ALL {
-                rows(gpu, tile, m, single)?;
-            }
+            rows(gpu, m, single)?;
         }
     }
     if gpu.is_software() {
-        rows(gpu, Tile::Small, 200, single)?;
+        rows(gpu, 200, single)?;
     }
     Ok(())
 }
 
 /// Kernel values and features of `N` observations over `m` support vectors.
-fn rows(gpu: &Arc<Gpu>, tile: Tile, m: usize, single: f64) -> Result<(), GpuError> {
+fn rows(gpu: &Arc<Gpu>, m: usize, single: f64) -> Result<(), GpuError> {
     let par = Par::rayon(0);
     let (members, x) = (Arc::new(frames(m, 1)), frames(N, 2));
     let (of_members, of_x) = (squared_norms(members.as_ref().as_ref()), squared_norms(x.as_ref()));
@@ -94,7 +92,7 @@ fn rows(gpu: &Arc<Gpu>, tile: Tile, m: usize, single: f64) -> Result<(), GpuErro
     let projection = Mat::from_fn(m, K, |i, j| ((i * 31 + j * 17) % 97) as f64 / 97.0 - 0.5);
     let model = SlowModel::from_parts(kernel, (*members).clone(), projection, vec![0.0; K], vec![1.0; K])
         .expect("parts that fit each other");
-    let mut device = Rows::new(gpu.clone(), D, tile)?;
+    let mut device = Rows::new(gpu.clone(), D)?;
     device.hold(&members, &of_members)?;
     let mut failure = None;
     let mut compute = |of: Of, then: &dyn Fn(MatRef<'_, f32>)| {
@@ -114,14 +112,14 @@ fn rows(gpu: &Arc<Gpu>, tile: Tile, m: usize, single: f64) -> Result<(), GpuErro
     if let Some(error) = failure {
         return Err(error);
     }
-    let times = if gpu.is_software() { 1 } else { 20 };
+    let times = if gpu.is_software() { 1 } else { 50 };
     let share = 2.0 * (D * m * N) as f64
         / device.seconds_without_transfers(x.as_ref(), &of_x, Of::Values(kernel), times)?
         / single;
     let by_processor = rate(N, || drop(std::hint::black_box(model.kernel_rows(x.as_ref(), par))));
     let features_by_processor = rate(N, || drop(std::hint::black_box(model.apply(x.as_ref(), par))));
     println!(
-        "| {m} | {tile:?} | {:.0} % | {values:.0} | {finished_here:.0} | {by_processor:.0} | {features:.0} | {features_by_processor:.0} |",
+        "| {m} | {:.0} % | {values:.0} | {finished_here:.0} | {by_processor:.0} | {features:.0} | {features_by_processor:.0} |",
         100.0 * share
     );
     Ok(())

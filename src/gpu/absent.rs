@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use faer::{Mat, MatRef};
 
-use super::{Adapters, GpuError, Of, Tile};
+use super::{Adapters, GpuError, Of};
 
 /// An open graphics processor: none.
 #[derive(Debug)]
@@ -59,7 +59,7 @@ impl Rows {
     ///
     /// # Errors
     /// None: there is no device to call this with.
-    pub fn new(gpu: Arc<Gpu>, _: usize, _: Tile) -> Result<Self, GpuError> {
+    pub fn new(gpu: Arc<Gpu>, _: usize) -> Result<Self, GpuError> {
         match gpu.0 {}
     }
 

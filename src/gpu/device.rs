@@ -219,12 +219,16 @@ fn one_line(text: &str) -> String {
 
 #[cfg(test)]
 pub(crate) mod tests {
+    use std::sync::MutexGuard;
+
     use super::*;
 
     /// A device, in software if need be (see `tests/common`).
-    pub(crate) fn device() -> Option<Arc<Gpu>> {
+    pub(crate) fn device() -> Option<(MutexGuard<'static, ()>, Arc<Gpu>)> {
+        static TURN: Mutex<()> = Mutex::new(());
+        let turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
         match Gpu::open(Adapters::Any) {
-            Ok(gpu) => Some(gpu),
+            Ok(gpu) => Some((turn, gpu)),
             Err(error) => {
                 let required = std::env::var("ADAGIO_REQUIRE_GPU").is_ok_and(|value| value == "1");
                 assert!(!required, "ADAGIO_REQUIRE_GPU is set: {error}");
@@ -236,7 +240,7 @@ pub(crate) mod tests {
 
     #[test]
     fn what_a_driver_refuses_is_an_error_of_that_alone() {
-        let Some(gpu) = device() else { return };
+        let Some((_turn, gpu)) = device() else { return };
         let usage = wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST;
         let buffer = |size| {
             let description = wgpu::BufferDescriptor { label: None, size, usage, mapped_at_creation: false };

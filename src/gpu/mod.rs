@@ -134,20 +134,6 @@ pub enum Adapters {
     Any,
 }
 
-/// How the work is cut: a group computes a square of so many products, see `rows.wgsl`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Tile {
-    /// 64 × 64, 16 products for each thread.
-    Small,
-    /// 128 × 128, 64 products for each thread.
-    Large,
-}
-
-impl Tile {
-    /// Both.
-    pub const ALL: [Tile; 2] = [Tile::Small, Tile::Large];
-}
-
 /// What is computed of products.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Of {

@@ -6,66 +6,60 @@ use std::time::Instant;
 
 use bytemuck::cast_slice;
 use faer::{Mat, MatRef};
+use rayon::prelude::*;
 use wgpu::{
     BindGroup, Buffer, BufferUsages, CommandEncoder, CommandEncoderDescriptor, ComputePassDescriptor, ComputePipeline,
     DownlevelFlags, PipelineCompilationOptions, PollType, SubmissionIndex,
 };
 
-use super::{Gpu, GpuError, Of, Tile};
+use super::{Gpu, GpuError, Of};
 use crate::kernel::Form;
 
-/// Values of a vector are brought into a group's memory so many at a time; vectors are padded to a multiple with zeros.
-const DEPTH: usize = 16;
-/// Threads of a group.
-const THREADS: usize = 256;
-/// Sums of a thread belong to four vectors and four observations in each square of so many.
-const SQUARE: usize = 64;
+/// A group of so many threads computes the products of so many vectors with so many observations, a step of so many values of them
+/// after another. Vectors are padded to a multiple of two steps with zeros.
+const THREADS: usize = 128;
+const VECTORS: usize = 128;
+const OBSERVATIONS: usize = 64;
+const STEP: usize = 8;
+/// Threads of a group lie in so many columns, of vectors, and rows, of observations.
+const COLUMNS: usize = 16;
+const ROWS: usize = 8;
 
-impl Tile {
-    fn edge(self) -> usize {
-        match self {
-            Tile::Small => 64,
-            Tile::Large => 128,
+/// The shader, with its sums written out.
+fn source() -> String {
+    let (mut sums, mut products, mut stores) = (String::new(), String::new(), String::new());
+    // Four vectors `p`, one observation, the `r`-th of four `q`.
+    let (of_vectors, of_observations) = (VECTORS / COLUMNS / 4, OBSERVATIONS / ROWS / 4);
+    let all = || {
+        let of_one = move |p| (0..of_observations).flat_map(move |q| (0..4).map(move |r| (p, q, r)));
+        (0..of_vectors).flat_map(of_one)
+    };
+    for (p, q, r) in all() {
+        let _ = writeln!(sums, "    var sum{p}_{q}{r} = vec4f(0.0);");
+        let four = format!("first_vector / 4u + {}u + x", COLUMNS * p);
+        let j = format!("first_observation + {}u + 4u * y", 4 * ROWS * q + r);
+        let _ = writeln!(stores, "    store(sum{p}_{q}{r}, {four}, {j});");
+    }
+    for k in 0..STEP {
+        for p in 0..of_vectors {
+            let _ = writeln!(products, "        let s{k}_{p} = of_vectors[TURN][{k}][{}u + x];", COLUMNS * p);
         }
-    }
-
-    /// Fours of a line of a group's memory.
-    fn line(self) -> usize {
-        self.edge() / 4 + 1
-    }
-
-    /// The shader, with its sums written out.
-    fn source(self) -> String {
-        let squares = self.edge() / SQUARE;
-        let (mut sums, mut products, mut stores) = (String::new(), String::new(), String::new());
-        // Four vectors `p`, one observation, the `r`-th of four `q`.
-        let all = || {
-            let of_observations = move |p| (0..squares).flat_map(move |q| (0..4).map(move |r| (p, q, r)));
-            (0..squares).flat_map(of_observations)
-        };
+        for q in 0..of_observations {
+            let _ = writeln!(products, "        let x{k}_{q} = of_observations[TURN][{k}][{}u + y];", ROWS * q);
+        }
         for (p, q, r) in all() {
-            let _ = writeln!(sums, "    var sum{p}_{q}{r} = vec4f(0.0);");
-            let four = format!("(first_vector + {}u) / 4u + x", SQUARE * p);
-            let j = format!("first_observation + {}u + 4u * y", SQUARE * q + r);
-            let _ = writeln!(stores, "    store(sum{p}_{q}{r}, {four}, {j});");
+            let (sum, x) = (format!("sum{p}_{q}{r}"), format!("x{k}_{q}.{}", ["x", "y", "z", "w"][r]));
+            let _ = writeln!(products, "        {sum} = fma(s{k}_{p}, vec4f({x}), {sum});");
         }
-        for k in 0..DEPTH {
-            for p in 0..squares {
-                let at = SQUARE / 4 * p;
-                let _ = writeln!(products, "        let s{k}_{p} = of_vectors[{k}][{at}u + x];");
-                let _ = writeln!(products, "        let x{k}_{p} = of_observations[{k}][{at}u + y];");
-            }
-            for (p, q, r) in all() {
-                let (sum, x) = (format!("sum{p}_{q}{r}"), format!("x{k}_{q}.{}", ["x", "y", "z", "w"][r]));
-                let _ = writeln!(products, "        {sum} = fma(s{k}_{p}, vec4f({x}), {sum});");
-            }
-        }
-        let body = include_str!("rows.wgsl");
-        let body = body.replace("//SUMS//", &sums).replace("//PRODUCTS//", &products).replace("//STORES//", &stores);
-        let sizes = [("TILE", self.edge()), ("DEPTH", DEPTH), ("LINE", self.line())];
-        let sizes: String = sizes.iter().map(|(name, size)| format!("const {name}: u32 = {size}u;\n")).collect();
-        sizes + &body
     }
+    let body = include_str!("rows.wgsl");
+    let body = body.replace("//SUMS//", &sums).replace("//PRODUCTS//", &products).replace("//STORES//", &stores);
+    let parts: Vec<&str> = body.split("//TURNS//").collect();
+    let [before, turn, after] = parts[..] else { unreachable!("what is written out twice stands between two marks") };
+    let body = [before, &turn.replace("TURN", "0u"), &turn.replace("TURN", "1u"), after].concat();
+    let sizes = [("THREADS", THREADS), ("VECTORS", VECTORS), ("OBSERVATIONS", OBSERVATIONS), ("STEP", STEP)];
+    let sizes: String = sizes.iter().map(|(name, size)| format!("const {name}: u32 = {size}u;\n")).collect();
+    sizes + &body
 }
 
 /// Support vectors on a device. After an error of a driver it is of no more use.
@@ -73,7 +67,6 @@ impl Tile {
 pub struct Rows {
     gpu: Arc<Gpu>,
     pipeline: ComputePipeline,
-    tile: Tile,
     /// Values of a vector, with padding.
     padded: usize,
     /// The vectors as they are on the device, to see what is new.
@@ -115,18 +108,18 @@ impl Rows {
     ///
     /// # Errors
     /// A device that has failed.
-    pub fn new(gpu: Arc<Gpu>, d: usize, tile: Tile) -> Result<Self, GpuError> {
+    pub fn new(gpu: Arc<Gpu>, d: usize) -> Result<Self, GpuError> {
         let device = gpu.device();
         gpu.allow("buffers of a shader", 5, device.limits().max_storage_buffers_per_shader_stage.into())?;
         let threads = device.limits().max_compute_invocations_per_workgroup;
         gpu.allow("threads of a group", THREADS as u64, threads.into())?;
         gpu.need("compute shaders", DownlevelFlags::COMPUTE_SHADERS)?;
-        let memory = (2 * 16 * DEPTH * tile.line()) as u64;
+        let memory = (2 * 4 * STEP * (VECTORS + OBSERVATIONS)) as u64;
         gpu.allow("bytes of a group's memory", memory, device.limits().max_compute_workgroup_storage_size.into())?;
         let make = || {
             let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
                 label: Some("rows"),
-                source: wgpu::ShaderSource::Wgsl(tile.source().into()),
+                source: wgpu::ShaderSource::Wgsl(source().into()),
             });
             let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
                 label: Some("rows"),
@@ -144,8 +137,8 @@ impl Rows {
             Ok((pipeline, empty(), empty()))
         };
         let (pipeline, vectors, norms) = gpu.within(make)?;
-        let (padded, blocks) = (d.next_multiple_of(DEPTH), [None, None]);
-        Ok(Rows { gpu, pipeline, tile, padded, held: Arc::new(Mat::new()), room: 0, vectors, norms, blocks, turn: 0 })
+        let (padded, blocks) = (d.next_multiple_of(2 * STEP), [None, None]);
+        Ok(Rows { gpu, pipeline, padded, held: Arc::new(Mat::new()), room: 0, vectors, norms, blocks, turn: 0 })
     }
 
     /// Have these vectors on the device, `d × m`, with their squared norms. Only those that are new are sent, behind the ones that
@@ -170,14 +163,13 @@ impl Rows {
 
     fn send(&mut self, members: &Arc<Mat<f32>>, norms: &[f64]) -> Result<(), GpuError> {
         let same = |&j: &usize| j < self.held.ncols() && self.held.col_as_slice(j) == members.col_as_slice(j);
-        let mut kept = (0..members.ncols()).take_while(same).count();
+        let mut kept = (0..members.ncols()).take_while(same).count() / VECTORS * VECTORS;
         if members.ncols() > self.room {
             // It doubles, so that growth does not send everything again each time.
-            let edge = self.tile.edge();
-            let wanted = members.ncols().max(2 * self.room).next_multiple_of(edge);
+            let wanted = members.ncols().max(2 * self.room).next_multiple_of(VECTORS);
             let most = self.gpu.largest_buffer();
             let bytes = |vectors: usize| (4 * vectors * self.padded) as u64;
-            let wanted = if bytes(wanted) <= most { wanted } else { members.ncols().next_multiple_of(edge) };
+            let wanted = if bytes(wanted) <= most { wanted } else { members.ncols().next_multiple_of(VECTORS) };
             self.gpu.allow("bytes of support vectors", bytes(wanted), most)?;
             let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC;
             let (vectors, of_norms) =
@@ -199,11 +191,8 @@ impl Rows {
         for part in 0..new.ncols().div_ceil(SENT_AT_ONCE) {
             let first = part * SENT_AT_ONCE;
             let columns = new.subcols(first, SENT_AT_ONCE.min(new.ncols() - first));
-            queue.write_buffer(
-                &self.vectors,
-                (4 * kept * self.padded) as u64,
-                cast_slice(&self.padded_columns(columns)),
-            );
+            let at = (4 * kept * self.padded) as u64;
+            queue.write_buffer(&self.vectors, at, cast_slice(&self.cut(columns, VECTORS)));
             // What waits to be sent takes memory until something is submitted.
             queue.submit(std::iter::empty());
             kept += columns.ncols();
@@ -243,13 +232,13 @@ impl Rows {
             },
         };
         let float = |number: f64| (number as f32).to_bits();
-        let sizes = [block.stride / 4, self.padded / 4].map(|size| size as u32);
+        let sizes = [block.stride / 4, self.padded].map(|size| size as u32);
         let sizes = [&sizes[..], &[kernel, float(scale), float(half), 0, 0, 0]].concat();
         let of_norms: Vec<f32> = norms.iter().map(|&norm| norm as f32).collect();
         let (device, queue) = (self.gpu.device(), self.gpu.queue());
         queue.write_buffer(&block.sizes, 0, cast_slice(&sizes));
         queue.write_buffer(&block.norms, 0, cast_slice(&of_norms));
-        queue.write_buffer(&block.observations, 0, cast_slice(&self.padded_columns(x)));
+        queue.write_buffer(&block.observations, 0, cast_slice(&self.cut(x, OBSERVATIONS)));
         let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor::default());
         self.dispatch(&mut encoder, block, observations);
         let bytes = (4 * block.stride * observations) as u64;
@@ -262,14 +251,16 @@ impl Rows {
     }
 
     fn dispatch(&self, encoder: &mut CommandEncoder, block: &Block, observations: usize) {
-        let groups = |count: usize| count.div_ceil(self.tile.edge()) as u32;
+        let groups = |count: usize, of_one: usize| count.div_ceil(of_one) as u32;
         let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor::default());
         pass.set_pipeline(&self.pipeline);
         pass.set_bind_group(0, &block.group, &[]);
-        pass.dispatch_workgroups(groups(self.held.ncols()), groups(observations), 1);
+        // Those that run side by side have the same vectors: observations are the fewer ones.
+        pass.dispatch_workgroups(groups(observations, OBSERVATIONS), groups(self.held.ncols(), VECTORS), 1);
     }
 
-    /// Seconds that the device takes for a block without sending and reading: of so many times, one after another.
+    /// Seconds that the device takes for a block without sending and reading: of so many times, one after another, the best of five
+    /// tries, since devices that have rested run slowly.
     ///
     /// # Errors
     /// Those of [`Rows::begin`].
@@ -286,12 +277,16 @@ impl Rows {
         let pending = self.begin(x, norms, of)?;
         self.finish(pending)?;
         let Some(block) = &self.blocks[self.turn] else { unreachable!("it was just begun") };
-        let begin = Instant::now();
-        let mut encoder = self.gpu.device().create_command_encoder(&CommandEncoderDescriptor::default());
-        (0..times).for_each(|_| self.dispatch(&mut encoder, block, x.ncols()));
-        self.gpu.queue().submit([encoder.finish()]);
-        self.gpu.wait(PollType::wait_indefinitely())?;
-        Ok(begin.elapsed().as_secs_f64() / times as f64)
+        let mut best = f64::INFINITY;
+        for _ in 0..if self.gpu.is_software() { 1 } else { 5 } {
+            let begin = Instant::now();
+            let mut encoder = self.gpu.device().create_command_encoder(&CommandEncoderDescriptor::default());
+            (0..times).for_each(|_| self.dispatch(&mut encoder, block, x.ncols()));
+            self.gpu.queue().submit([encoder.finish()]);
+            self.gpu.wait(PollType::wait_indefinitely())?;
+            best = best.min(begin.elapsed().as_secs_f64() / times as f64);
+        }
+        Ok(best)
     }
 
     /// What came of a block: `m × n`.
@@ -324,9 +319,9 @@ impl Rows {
     }
 
     fn block(&self, observations: usize) -> Result<Block, GpuError> {
-        let (gpu, edge) = (&self.gpu, self.tile.edge());
-        let count = observations.next_multiple_of(edge);
-        let stride = self.held.ncols().next_multiple_of(edge);
+        let gpu = &self.gpu;
+        let count = observations.next_multiple_of(OBSERVATIONS);
+        let stride = self.held.ncols().next_multiple_of(VECTORS);
         let [of_x, of_results] = [self.padded, stride].map(|each| (4 * count * each) as u64);
         gpu.allow("bytes of a block", of_x.max(of_results), gpu.largest_buffer())?;
         let (storage, to, from) = (BufferUsages::STORAGE, BufferUsages::COPY_DST, BufferUsages::COPY_SRC);
@@ -348,18 +343,29 @@ impl Rows {
         Ok(Block { count, stride, sizes, observations, norms, results, out, group })
     }
 
-    /// Columns one after another, each with zeros behind it.
-    fn padded_columns(&self, x: MatRef<'_, f32>) -> Vec<f32> {
-        let mut values = vec![0.0; self.padded * x.ncols()];
-        for (to, column) in values.chunks_exact_mut(self.padded).zip(x.col_iter()) {
-            to.iter_mut().zip(column.iter()).for_each(|(to, &value)| *to = value);
-        }
+    /// Columns as the shader reads them: of so many at once the first value of each, the second of each, and so on; zeros where there is
+    /// none.
+    fn cut(&self, x: MatRef<'_, f32>, at_once: usize) -> Vec<f32> {
+        let mut values = vec![0.0; self.padded * x.ncols().next_multiple_of(at_once)];
+        let parts = values.par_chunks_exact_mut(at_once * self.padded).enumerate();
+        parts.for_each(|(part, to)| {
+            let columns = part * at_once..x.ncols().min((part + 1) * at_once);
+            // As many values at a time as a small cache holds of all columns.
+            for first in (0..x.nrows()).step_by(NEAR) {
+                for (place, j) in columns.clone().enumerate() {
+                    for i in first..x.nrows().min(first + NEAR) {
+                        to[i * at_once + place] = x[(i, j)];
+                    }
+                }
+            }
+        });
         values
     }
 }
 
 /// Vectors that are sent at once: their copies take memory.
 const SENT_AT_ONCE: usize = 1024;
+const NEAR: usize = 32;
 
 fn room(gpu: &Gpu, size: u64, usage: BufferUsages) -> Buffer {
     gpu.device().create_buffer(&wgpu::BufferDescriptor { label: Some("rows"), size, usage, mapped_at_creation: false })

@@ -1,16 +1,17 @@
 // Products of observations with vectors that stay on the device, and kernel values of them.
 //
-// One group of 256 threads computes a square of TILE × TILE products. Parts of DEPTH values of its vectors and observations are
-// kept in memory that the group shares, value by value, so that a thread loads four vectors' at once: a load from there costs a
-// multiplication. Each thread sums the products of some four vectors, in every 64, with some four observations in every 64.
-// What depends on their number is written out by rows.rs: sums with names in place of indices stay in registers, and where a part's
-// values have numbers, nothing is counted, and of two indices only the second, which is the same for all of them, has to be checked.
+// One group computes the products of VECTORS vectors with OBSERVATIONS observations. They lie in memory as a group reads them: the
+// first value of each vector of it, then the second of each, and so on. STEP values of all of them are kept at a time in memory that
+// the group shares, twice, so that the next ones are written while these are multiplied, and a group waits once a step. What stands
+// between TURNS is written out for each of the two. Each thread sums the products of 8 vectors with 8 observations: a load from there
+// serves 16 multiplications of four.
+// What depends on their number is written out by rows.rs: sums with names in place of indices stay in registers.
 
 struct Sizes {
     /// From one observation's products to the next one's, in fours.
     stride: u32,
-    /// Fours of values in a vector.
-    quads: u32,
+    /// Values of a vector.
+    values: u32,
     /// 0: products. 1: radial kernel.
     kernel: u32,
     /// 2σ², half of the exponent.
@@ -29,9 +30,8 @@ struct Sizes {
 @group(0) @binding(4) var<storage, read> observation_norms: array<f32>;
 @group(0) @binding(5) var<storage, read_write> results: array<vec4f>;
 
-// A line, of one value of all, is LINE fours long, one more than a tile: fewer of the threads that write at once meet in a bank.
-var<workgroup> of_vectors: array<array<vec4f, LINE>, DEPTH>;
-var<workgroup> of_observations: array<array<vec4f, LINE>, DEPTH>;
+var<workgroup> of_vectors: array<array<array<vec4f, VECTORS / 4>, STEP>, 2>;
+var<workgroup> of_observations: array<array<array<vec4f, OBSERVATIONS / 4>, STEP>, 2>;
 
 fn values(products: vec4f, four: u32, j: u32) -> vec4f {
     if sizes.kernel == 0u {
@@ -49,46 +49,41 @@ fn store(products: vec4f, four: u32, j: u32) {
     results[j * sizes.stride + four] = values(products, four, j);
 }
 
-@compute @workgroup_size(256)
+@compute @workgroup_size(THREADS)
 fn products(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) thread: u32) {
-    let first_vector = group.x * TILE;
-    let first_observation = group.y * TILE;
-    // 16 × 16 threads, such that 32 of them, which many devices run in step, are 8 × 4 and load no more than they need.
+    let first_observation = group.x * OBSERVATIONS;
+    let first_vector = group.y * VECTORS;
+    // 16 × 8 threads, such that 32 of them, which many devices run in step, are 8 × 4 and load no more than they need.
     let lane = thread % 32u;
     let block = thread / 32u;
     let x = (block % 2u) * 8u + lane % 8u;
     let y = (block / 2u) * 4u + lane / 8u;
-    // What this thread brings: four values of four vectors, or of four observations. They are turned, so that whole fours are
-    // written; devices may write all four where only one is meant.
-    let four = (thread % TILE) / 4u;
-    let quad = thread % 4u;
-    let to = quad * 4u;
+    // What this thread brings: some four vectors' values, twice, and some four observations'.
+    let value = thread / (VECTORS / 4u);
+    let four = thread % (VECTORS / 4u);
+    let value_of_observations = thread / (OBSERVATIONS / 4u);
+    let four_of_observations = thread % (OBSERVATIONS / 4u);
+    let vectors_from = first_vector / 4u * sizes.values + thread;
+    let observations_from = first_observation / 4u * sizes.values + thread;
+    var next = vectors[vectors_from];
+    var second = vectors[vectors_from + THREADS];
+    var next_of_observations = observations[observations_from];
 //SUMS//
-    for (var begin = 0u; begin < sizes.quads; begin += DEPTH / 4u) {
-        if thread < TILE {
-            let at = (first_vector + 4u * four) * sizes.quads + begin + quad;
-            let second = at + sizes.quads;
-            let third = second + sizes.quads;
-            let turned = transpose(mat4x4f(vectors[at], vectors[second], vectors[third], vectors[third + sizes.quads]));
-            of_vectors[to][four] = turned[0];
-            of_vectors[to + 1u][four] = turned[1];
-            of_vectors[to + 2u][four] = turned[2];
-            of_vectors[to + 3u][four] = turned[3];
-        } else if thread < 2u * TILE {
-            let at = (first_observation + 4u * four) * sizes.quads + begin + quad;
-            let second = at + sizes.quads;
-            let third = second + sizes.quads;
-            let turned = transpose(
-                mat4x4f(observations[at], observations[second], observations[third], observations[third + sizes.quads])
-            );
-            of_observations[to][four] = turned[0];
-            of_observations[to + 1u][four] = turned[1];
-            of_observations[to + 2u][four] = turned[2];
-            of_observations[to + 3u][four] = turned[3];
-        }
-        workgroupBarrier();
+    for (var begin = 0u; begin < sizes.values; begin += 2u * STEP) {
+//TURNS//
+        {
+            of_vectors[TURN][value][four] = next;
+            of_vectors[TURN][value + STEP / 2u][four] = second;
+            of_observations[TURN][value_of_observations][four_of_observations] = next_of_observations;
+            workgroupBarrier();
+            // Behind the last step the same once more.
+            let after = min(begin + (TURN + 1u) * STEP, sizes.values - STEP);
+            next = vectors[vectors_from + after * (VECTORS / 4u)];
+            second = vectors[vectors_from + after * (VECTORS / 4u) + THREADS];
+            next_of_observations = observations[observations_from + after * (OBSERVATIONS / 4u)];
 //PRODUCTS//
-        workgroupBarrier();
+        }
+//TURNS//
     }
 //STORES//
 }

@@ -4,7 +4,7 @@
 
 use std::sync::Arc;
 
-use adagio::gpu::{Gpu, Of, Rows, Tile};
+use adagio::gpu::{Gpu, Of, Rows};
 use adagio::kernel::{Kernel, squared_norms};
 use faer::{Mat, Par};
 use proptest::prelude::*;
@@ -20,8 +20,8 @@ fn observations(d: usize, n: usize, seed: u64) -> Mat<f32> {
     Mat::from_fn(d, n, |i, j| if j % 2 == 0 { base[j * d + i] } else { near(base[(j - 1) * d + i]) })
 }
 
-fn rows(gpu: &Arc<Gpu>, tile: Tile, members: &Arc<Mat<f32>>, x: &Mat<f32>, of: Of) -> Mat<f32> {
-    let mut rows = Rows::new(gpu.clone(), x.nrows(), tile).unwrap();
+fn rows(gpu: &Arc<Gpu>, members: &Arc<Mat<f32>>, x: &Mat<f32>, of: Of) -> Mat<f32> {
+    let mut rows = Rows::new(gpu.clone(), x.nrows()).unwrap();
     rows.hold(members, &squared_norms(members.as_ref().as_ref())).unwrap();
     let pending = rows.begin(x.as_ref(), &squared_norms(x.as_ref()), of).unwrap();
     rows.finish(pending).unwrap()
@@ -29,15 +29,19 @@ fn rows(gpu: &Arc<Gpu>, tile: Tile, members: &Arc<Mat<f32>>, x: &Mat<f32>, of: O
 
 #[test]
 fn products_of_whole_numbers_are_exact_and_so_are_the_kernel_values_of_them() {
-    let Some(gpu) = device() else { return };
-    for (tile, d, m, n) in [(Tile::Small, 1536, 300, 70), (Tile::Large, 1536, 150, 130), (Tile::Small, 7, 1, 1)] {
+    let Some((_turn, gpu)) = device() else { return };
+    for (d, m, n) in [(1536, 300, 70), (1536, 150, 130), (7, 1, 1)] {
         let (s, x) = (Arc::new(observations(d, m, 1)), observations(d, n, 2));
         let (of_s, of_x) = (squared_norms(s.as_ref().as_ref()), squared_norms(x.as_ref()));
         assert!(of_s.iter().chain(&of_x).all(|&norm| norm < 16_777_216.0));
-        let products = rows(&gpu, tile, &s, &x, Of::Products);
+        let products = rows(&gpu, &s, &x, Of::Products);
         let kernel = Kernel::gaussian(3000.0).unwrap();
         let found = kernel.matrix_of_products(products.as_ref(), &of_s, &of_x, Par::rayon(2)).unwrap();
-        assert_eq!(found, kernel.matrix(s.as_ref().as_ref(), &of_s, x.as_ref(), &of_x, Par::Seq).unwrap(), "{tile:?}");
+        assert_eq!(
+            found,
+            kernel.matrix(s.as_ref().as_ref(), &of_s, x.as_ref(), &of_x, Par::Seq).unwrap(),
+            "{d} × {m} with {n}"
+        );
     }
 }
 
@@ -50,15 +54,13 @@ proptest! {
         (d, m, n) in (1usize..200, 1usize..150, 1usize..150),
         share in 0.05..5.0f64,
         exponent in prop_oneof![Just(2.0), Just(1.0), 0.3..2.0f64],
-        large in any::<bool>(),
         seed in any::<u64>(),
     ) {
-        let Some(gpu) = device() else { return Ok(()) };
+        let Some((_turn, gpu)) = device() else { return Ok(()) };
         let (s, x) = (Arc::new(observations(d, m, seed)), observations(d, n, seed ^ 1));
         // A typical distance is that of independent values.
         let kernel = Kernel::radial(share * 105.0 * (d as f64).sqrt(), exponent).unwrap();
-        let tile = if large { Tile::Large } else { Tile::Small };
-        let found = rows(&gpu, tile, &s, &x, Of::Values(kernel));
+        let found = rows(&gpu, &s, &x, Of::Values(kernel));
         let [s, x] = [s.as_ref(), &x].map(|of| Mat::from_fn(d, of.ncols(), |i, j| f64::from(of[(i, j)])));
         let (of_s, of_x) = (squared_norms(s.as_ref()), squared_norms(x.as_ref()));
         let exact = kernel.matrix(s.as_ref(), &of_s, x.as_ref(), &of_x, Par::Seq).unwrap();
@@ -70,11 +72,11 @@ proptest! {
 
 #[test]
 fn vectors_grow_in_place_change_and_leave() {
-    let Some(gpu) = device() else { return };
+    let Some((_turn, gpu)) = device() else { return };
     let (d, n) = (48, 20);
     let (all, x) = (observations(d, 700, 3), observations(d, n, 4));
     let of_x = squared_norms(x.as_ref());
-    let mut rows = Rows::new(gpu, d, Tile::Small).unwrap();
+    let mut rows = Rows::new(gpu, d).unwrap();
     // Grown by a few, beyond what there was room for, all but the first few changed, fewer.
     let sets: [Vec<usize>; 6] = [
         (0..60).collect(),
@@ -103,25 +105,25 @@ fn vectors_grow_in_place_change_and_leave() {
 
 #[test]
 fn a_device_that_is_lost_gives_an_error_and_nothing_else() {
-    let Some(gpu) = device() else { return };
+    let Some((_turn, gpu)) = device() else { return };
     let (members, x) = (Arc::new(observations(16, 10, 5)), observations(16, 4, 6));
     let norms = squared_norms(members.as_ref().as_ref());
-    let mut rows = Rows::new(gpu.clone(), 16, Tile::Small).unwrap();
+    let mut rows = Rows::new(gpu.clone(), 16).unwrap();
     rows.hold(&members, &norms).unwrap();
     gpu.lose();
     let error = rows.hold(&members, &norms).unwrap_err().to_string();
     assert!(error.contains(gpu.name()) && error.contains("has failed"), "{error}");
     let error = rows.begin(x.as_ref(), &squared_norms(x.as_ref()), Of::Products).and_then(|begun| rows.finish(begun));
     assert!(error.is_err());
-    assert!(Rows::new(gpu, 16, Tile::Small).is_err());
+    assert!(Rows::new(gpu, 16).is_err());
 }
 
 #[test]
 fn more_than_a_device_has_room_for_is_refused_with_both_numbers() {
-    let Some(gpu) = device() else { return };
+    let Some((_turn, gpu)) = device() else { return };
     // Vectors so long that one tile of them is too large.
     let d = (gpu.largest_buffer() / (4 * 64)) as usize + 1;
-    let mut rows = Rows::new(gpu.clone(), d, Tile::Small).unwrap();
+    let mut rows = Rows::new(gpu.clone(), d).unwrap();
     let members = Arc::new(Mat::<f32>::zeros(d, 1));
     let error = rows.hold(&members, &[0.0]).unwrap_err().to_string();
     assert!(error.contains("bytes of support vectors") && error.contains(gpu.name()), "{error}");

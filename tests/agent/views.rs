@@ -66,7 +66,7 @@ fn compare(scenario: &Scenario, ours: &[Image], theirs: &[Image]) -> Difference 
 
 #[test]
 fn a_device_draws_what_the_processor_draws_in_every_scenario() {
-    let Some(gpu) = device() else { return };
+    let Some((_turn, gpu)) = device() else { return };
     println!("{}", gpu.name());
     for path in scenarios() {
         let scenario = Scenario::load(&path, &[]).unwrap();
@@ -95,7 +95,7 @@ fn a_device_draws_what_the_processor_draws_in_every_scenario() {
 /// Full pictures, as a robot's camera would send them, and one view at a time.
 #[test]
 fn a_device_draws_full_pictures_and_single_views() {
-    let Some(gpu) = device() else { return };
+    let Some((_turn, gpu)) = device() else { return };
     // As it is, and of a size that leaves threads with pixels beyond the end of their view.
     let odd = ["camera.detail=full", "camera.width=63", "camera.height=47", "vision.cut_rows=11"];
     for sets in [&odd[..1], &odd] {
@@ -121,7 +121,7 @@ fn a_device_draws_full_pictures_and_single_views() {
 
 #[test]
 fn a_device_that_is_lost_is_told_once_and_the_processor_goes_on() {
-    let Some(gpu) = device() else { return };
+    let Some((_turn, gpu)) = device() else { return };
     let scenario = Scenario::load(&package_file("scenarios/smoke.toml"), &[]).unwrap();
     let world = World::new(&scenario).unwrap();
     let appearance = Appearance::new(&scenario).unwrap().on(gpu.clone());

@@ -3,7 +3,7 @@
 use std::env;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use adagio::gpu::{Adapters, Gpu};
 use serde_json::Value;
@@ -11,10 +11,13 @@ use serde_json::Value;
 use super::package_file;
 
 /// A graphics processor, or a driver in software (Mesa's) where there is none. Where there is neither, a test says so and checks
-/// nothing; `ADAGIO_REQUIRE_GPU=1` makes that a failure.
-pub fn device() -> Option<Arc<Gpu>> {
+/// nothing; `ADAGIO_REQUIRE_GPU=1` makes that a failure. Tests take turns: with a driver some waited forever where several opened and
+/// closed devices at once.
+pub fn device() -> Option<(MutexGuard<'static, ()>, Arc<Gpu>)> {
+    static TURN: Mutex<()> = Mutex::new(());
+    let turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
     match Gpu::open(Adapters::Any) {
-        Ok(gpu) => Some(gpu),
+        Ok(gpu) => Some((turn, gpu)),
         Err(error) => {
             let required = env::var("ADAGIO_REQUIRE_GPU").is_ok_and(|value| value == "1");
             assert!(!required, "ADAGIO_REQUIRE_GPU is set: {error}");

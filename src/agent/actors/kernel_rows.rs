@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use faer::{Mat, MatRef, Par};
 
-use crate::gpu::{Choice, Gpu, GpuError, Of, Pending, Rows, Tile};
+use crate::gpu::{Choice, Gpu, GpuError, Of, Pending, Rows};
 use crate::kernel::squared_norms;
 use crate::scenario::Compute;
 use crate::slow::{SlowError, SlowModel};
@@ -143,9 +143,7 @@ impl KernelRows {
         model.kernel_rows(x, par)?;
         let by_processor = begin.elapsed();
         let name = gpu.name().to_owned();
-        let tries = Tile::ALL.map(|tile| time(&gpu, tile, model, x, par)).into_iter();
-        let fastest = tries.min_by_key(|tried| tried.as_ref().map_or(Duration::MAX, |(_, took)| *took));
-        let (device, by_device) = match fastest.expect("there are tiles") {
+        let (device, by_device) = match time(&gpu, model, x, par) {
             Ok(tried) => tried,
             Err(error) => {
                 self.choice = Some(Choice::processor(error.to_string()));
@@ -171,8 +169,8 @@ impl KernelRows {
 type Tried = Result<(Rows, Duration), GpuError>;
 
 /// Try a device: the shorter time of two, since memory is taken the first time.
-fn time(gpu: &Arc<Gpu>, tile: Tile, model: &SlowModel<f32>, x: MatRef<'_, f32>, par: Par) -> Tried {
-    let mut device = Rows::new(gpu.clone(), x.nrows(), tile)?;
+fn time(gpu: &Arc<Gpu>, model: &SlowModel<f32>, x: MatRef<'_, f32>, par: Par) -> Tried {
+    let mut device = Rows::new(gpu.clone(), x.nrows())?;
     device.hold(&model.members, model.norms())?;
     let norms = squared_norms(x);
     let mut took = Duration::MAX;
@@ -194,7 +192,7 @@ mod tests {
     use crate::kernel::Kernel;
 
     fn on(gpu: &Arc<Gpu>, d: usize) -> KernelRows {
-        let device = Some(Rows::new(gpu.clone(), d, Tile::Small).unwrap());
+        let device = Some(Rows::new(gpu.clone(), d).unwrap());
         let choice = Some(Choice::device(gpu, "a test".into()));
         KernelRows { setting: Compute::Gpu, device, choice, slower_at: None, inexact: false }
     }
@@ -211,7 +209,7 @@ mod tests {
 
     #[test]
     fn a_device_that_fails_between_two_parts_changes_no_value() {
-        let Some(gpu) = device() else { return };
+        let Some((_turn, gpu)) = device() else { return };
         let (d, model) = (40, model(40, 0.0));
         let mut rows = on(&gpu, d);
         let mut found = Vec::new();
@@ -233,7 +231,7 @@ mod tests {
 
     #[test]
     fn what_a_device_cannot_count_exactly_stays_here_and_is_told() {
-        let Some(gpu) = device() else { return };
+        let Some((_turn, gpu)) = device() else { return };
         // 40 · 700² is beyond 2²⁴.
         let (d, bright) = (40, model(40, 700.0));
         let mut rows = on(&gpu, d);
