@@ -183,6 +183,7 @@ impl<'a> Track<'a> {
                 let unseen = if self.known || self.joined { GROWS } else { KNOWN };
                 let (expected, on) = self.map.look(&mut self.belief, &seen, without, (unseen, 0.0), rng);
                 (sum, goes_on) = (sum + expected, on);
+                self.known &= goes_on;
                 self.joined = goes_on && (self.joined || self.belief.expected > GROWS);
             } else {
                 self.begin(state, &seen, without, rng);
