@@ -37,9 +37,9 @@ fn main() {
         return;
     }
     // Where sums are small, what a transition costs is more than their noise.
-    let of_hour = bench.costs(200, SIGMA, 3600);
+    let of_hour = bench.costs(200, SIGMA, (3600, 40));
     for m in [2000, 8000].into_iter().filter(|&m| m <= max_m()) {
-        let costs = bench.costs(m, SIGMA, m / 5 + 250);
+        let costs = bench.costs(m, SIGMA, (m / 5 + 250, m / 5));
         let costs = Costs { search: small.search, transition: of_hour.transition, ..costs };
         print(&costs);
         tables(&costs);
@@ -105,9 +105,10 @@ impl Bench {
         path
     }
 
-    /// Each step, by the calls of the program; a drive of so many actions has to fill the dictionary.
-    fn costs(&self, m: usize, width: &str, actions: usize) -> Costs {
-        let scenario = simulation::scenario("lab.toml", &[&format!("dictionary.budget={m}"), width]);
+    /// Each step, by the calls of the program; a drive of so many actions, the second number, has about m support vectors.
+    fn costs(&self, m: usize, width: &str, (actions, filling): (usize, usize)) -> Costs {
+        // A full dictionary judges nothing.
+        let scenario = simulation::scenario("lab.toml", &[&format!("dictionary.budget={}", 2 * m), width]);
         let plan = Arc::new(Plan::new(&scenario).expect("a floor plan"));
         let setting = Setting { scenario: scenario.clone(), plan, par: faer::Par::Seq };
         let open = |path: &Path| Log::open(path, &scenario).expect("a whole log");
@@ -127,12 +128,17 @@ impl Bench {
             path
         };
 
-        let (grown, found) = timed(|| candidates(&setting, &Piece::whole(&long), &first).expect("a whole log"));
+        let filling = open(&self.drive(104, filling));
+        let members = |of: &Dictionary| candidates(&setting, &Piece::whole(&filling), of).expect("a whole log");
+        let (grown, found) = timed(|| members(&first));
         let (all, none) = (begin("candidates"), begin("no-candidates"));
         found.write(&all, &scenario).expect("room for a part");
         let (full, _) = union(&setting, &first, (std::slice::from_ref(&all), None)).expect("candidates");
-        assert_eq!(full.members().ncols(), m, "frames of this drive do not fill the dictionary: a narrower width does");
-        let (judged, found) = timed(|| candidates(&setting, &Piece::whole(&short[0]), &full).expect("a whole log"));
+        let found_m = full.members().ncols() as f64;
+        assert!((found_m / m as f64 - 1.0).abs() < 0.1, "{found_m} support vectors where {m} are wanted");
+        // The same frames once more: none of them is new.
+        let (judged, found) = timed(|| members(&full));
+        let judge = judged / filling.frames as f64;
         found.write(&none, &scenario).expect("room for a part");
         let [read, read_none] =
             [&all, &none].map(|path| timed(|| Candidates::read(path, &scenario).expect("a part")).0);
@@ -177,36 +183,36 @@ impl Bench {
         let (file, empty) = (self.folder.join("scenario.toml"), begin("no-dictionary"));
         std::fs::write(&file, &scenario.text).expect("room for a scenario");
         first.write(&empty, &scenario).expect("room for a dictionary");
-        let [log, file, empty, all] = [&long.path, &file, &empty, &all].map(|path| path.display().to_string());
+        let [log, file, empty, all] = [&filling.path, &file, &empty, &all].map(|path| path.display().to_string());
         let again = ["members", &log, "--scenario", &file, "--dictionary", &empty, "--out", &all];
         let (found_there, _) = timed(|| self.program(&again));
 
         let [many, few] = [frames, few].map(|frames| (frames / PER_ACTION).floor());
         let of_transition = |few_took: f64, many_took: f64| ((many_took - few_took) / (many - few)).max(0.0);
         let (transition, fitted) = (of_transition(few_read, many_read), of_transition(with_few, with_many));
-        let sums_bytes = 8.0 * (2 * m * m + m) as f64;
+        let sums_bytes = 8.0 * (2.0 * found_m * found_m + found_m);
         Costs {
             m: m as f64,
             d: scenario.vision.values() as f64,
-            start: (found_there - looked - read).max(0.0),
+            start: (found_there - looked / frames * filling.frames as f64 - read).max(0.0),
             look: looked / frames,
             decode,
-            judge: judged / short[0].frames as f64,
+            judge,
             sum: summed / frames,
-            growth: grown - judged / short[0].frames as f64 * frames,
+            growth: grown - judged,
             search: searched - decode * frames.min(scenario.dictionary.sigma_frames as f64),
             dictionary_written,
             dictionary_read,
             digest,
-            candidates_written: [written_none, (written - written_none).max(0.0) / m as f64],
-            candidates_read: [read_none, (read - read_none).max(0.0) / m as f64],
+            candidates_written: [written_none, (written - written_none).max(0.0) / found_m],
+            candidates_read: [read_none, (read - read_none).max(0.0) / found_m],
             sums_written,
             merged: (merged_two - merged_one - transition * few).max(0.0),
             transition,
             model: [(with_few - fitted * few).max(0.0), fitted],
             frame_bytes: long.files.iter().map(|file| bytes(file)).sum::<f64>() / frames,
             dictionary_bytes: bytes(&path),
-            candidate_bytes: bytes(Path::new(&all)) / m as f64,
+            candidate_bytes: bytes(Path::new(&all)) / found_m,
             sums_bytes,
             transition_bytes: (bytes(&parts[0]) - sums_bytes) / many,
         }
@@ -216,11 +222,12 @@ impl Bench {
     fn check(&self) -> Costs {
         const LOGS: usize = 6;
         const ACTIONS: usize = 600;
+        const FILLING: usize = 400;
         let m = max_m().min(1000);
         let (budget, lab) = (format!("dictionary.budget={m}"), Self::lab());
         let drives: Vec<String> = (1..=LOGS).map(|seed| self.drive(seed, ACTIONS).display().to_string()).collect();
         let names: Vec<&str> = drives.iter().map(String::as_str).collect();
-        let costs = || self.costs(m, "dictionary.sigma=\"auto\"", m);
+        let costs = || self.costs(m, "dictionary.sigma=\"auto\"", (m, FILLING));
         let before = costs();
         let learned = [1, 2].map(|workers| {
             let before = speed(workers);
@@ -248,7 +255,8 @@ impl Bench {
             };
             let rounds = 1..=number("learned_from", "rounds") as u64;
             let frames = number("learned_from", "frames") / LOGS as f64;
-            let logs = Logs { count: LOGS, frames, found: rounds.map(found).collect(), changed: false };
+            let judged = frames.min(FILLING as f64 * PER_ACTION);
+            let logs = Logs { count: LOGS, frames, judged, found: rounds.map(found).collect(), changed: false };
             let machines = Machines { workers, speed, link: 1e15, server: 1e15, failures: 0.0 };
             let simulated = [&before, &after].map(|costs| learn(costs, &logs, &machines).expect("no failures"));
             println!(
@@ -286,7 +294,7 @@ fn print(c: &Costs) {
     for (what, value) in [
         ("a log is looked at and hashed, frames/s", 1.0 / c.look),
         ("frames decoded, frames/s", 1.0 / c.decode),
-        ("members over a full dictionary, frames/s", 1.0 / c.judge),
+        ("members over m support vectors, frames/s", 1.0 / c.judge),
         ("moments, frames/s", 1.0 / c.sum),
         ("members while a dictionary grows to m: difference, ms", ms(c.growth)),
         ("width of the kernel from 1000 observations, ms", ms(c.search)),
@@ -326,7 +334,8 @@ fn tables(costs: &Costs) {
     for ((hours, log), how, failures) in usual.into_iter().chain([((100_000, 10), ", failures", often)]).chain(changed)
     {
         let changed = how == ", changed";
-        let logs = Logs { count: hours / log, frames: 3600.0 * RATE * log as f64, found: vec![costs.m], changed };
+        let frames = 3600.0 * RATE * log as f64;
+        let logs = Logs { count: hours / log, frames, judged: frames, found: vec![costs.m], changed };
         for workers in [2, 20, 200, 2000].into_iter().filter(|&workers| workers <= 2 * logs.count) {
             print!("| {hours}{how} | {log} | {workers} | ");
             let Some(of) = learn(costs, &logs, &Machines { workers, speed: 1.0, link, server, failures }) else {

@@ -196,6 +196,8 @@ pub struct Costs {
 pub struct Logs {
     pub count: usize,
     pub frames: f64,
+    /// Frames of each until its dictionary is full.
+    pub judged: f64,
     /// Candidates of a piece of a log, for each round.
     pub found: Vec<f64>,
     /// Whether the program is as it could be: see [`learn`].
@@ -224,8 +226,7 @@ pub const WIDTH_FRAMES: usize = 1000;
 
 /// The steps of `adagio learn`, in its order. The collector does one thing at a time, and waits while workers work.
 ///
-/// A log's dictionary is taken to be full with its last frames, so that all of them are judged. If the program is changed, workers look at
-/// the logs, and a log is not decoded to its end for a few observations.
+/// If the program is changed, workers look at the logs, and a log is not decoded to its end for a few observations.
 pub fn learn(costs: &Costs, logs: &Logs, machines: &Machines) -> Option<Forecast> {
     let (count, frames, c) = (logs.count as f64, logs.frames, costs);
     // Each piece is found by reading what comes before it in its log.
@@ -261,7 +262,8 @@ pub fn learn(costs: &Costs, logs: &Logs, machines: &Machines) -> Option<Forecast
         let [seconds, once, growth] =
             if round == 0 { [0.0, 0.0, c.growth] } else { [c.dictionary_read, c.dictionary_bytes, 0.0] };
         let written = c.candidates_written[0] + found * c.candidates_written[1];
-        members += pass(pieces, once, give, seconds + before + of_piece * c.judge + growth + written)?;
+        let judged = of_piece.min(logs.judged) * (c.judge - c.decode);
+        members += pass(pieces, once, give, seconds + before + of_piece * c.decode + judged + growth + written)?;
         // Parts are read until the dictionary is full.
         let read = c.candidates_read[0] + found * c.candidates_read[1] + give / machines.server;
         let judged = if found > 0.0 { parts_of_all.min((c.m / found).ceil()) } else { parts_of_all };

@@ -33,9 +33,10 @@ pub use actors::messages::Update;
 pub use error::{LearnError, RunError};
 pub use memory::{Memory, machine_memory};
 pub use run::{Outcome, RunOptions, run};
+pub(crate) use runtime::checkpoint::read_state_head;
 pub use runtime::checkpoint::{
     CHECKPOINT_NAME, CheckpointError, STATE_NAME, SavedState, checkpoint_bytes, read_checkpoint, read_state,
-    read_state_head, state_bytes, write_checkpoint, write_state,
+    state_bytes, write_checkpoint, write_state,
 };
 pub use runtime::clock::Timing;
 pub use runtime::controls::{Controls, Marking, TooMany};

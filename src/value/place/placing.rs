@@ -148,7 +148,8 @@ struct Track<'a> {
     is_first: bool,
     /// It begins where that lay before.
     stays: bool,
-    /// Whether it begins at a known place, or has come to one since: before, the map does not grow, as nobody knows where.
+    /// Whether it begins at a known place and was never lost since, or has come to one: otherwise the map does not grow, as nobody knows
+    /// where.
     known: bool,
     joined: bool,
 }

