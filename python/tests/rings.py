@@ -2,9 +2,11 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import textwrap
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -108,3 +110,29 @@ def replayed_digest(run):
 
 def report_of(run):
     return json.loads((Path(run) / "report.json").read_text())
+
+
+@contextmanager
+def dask_that_loses_a_worker():
+    """An engine of two Dask workers, one of which is killed while it works."""
+    from distributed import Client, LocalCluster  # it takes a second, which scripts need not wait
+
+    with (
+        LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, host="127.0.0.1") as cluster,
+        Client(cluster) as client,
+    ):
+        workers = [int(pid) for pid in client.run(os.getpid).values()]
+
+        class Engine:
+            killed = False
+
+            def submit(self, function, *arguments):
+                future = client.submit(function, *arguments)
+                if not self.killed:
+                    self.killed = True
+                    os.kill(workers[0], signal.SIGKILL)
+                return future
+
+        engine = Engine()
+        yield engine
+        assert engine.killed

@@ -1,14 +1,11 @@
 """Promise: an experiment over many seeds gives the same tables whoever works on it, and does nothing twice."""
 
 import json
-import os
-import signal
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing import get_context
 
 import pytest
-from distributed import Client, LocalCluster
-from rings import finished, program, script
+from rings import dask_that_loses_a_worker, finished, program, script
 
 import adagio
 
@@ -79,23 +76,8 @@ def test_by_threads(here, tmp_path):
 
 
 def test_by_dask_with_a_worker_that_is_killed(here, tmp_path):
-    with (
-        LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, host="127.0.0.1") as cluster,
-        Client(cluster) as client,
-    ):
-        workers = [int(pid) for pid in client.run(os.getpid).values()]
-
-        class Engine:
-            killed = False
-
-            def submit(self, function, *arguments):
-                future = client.submit(function, *arguments)
-                if not Engine.killed:
-                    Engine.killed = True
-                    os.kill(workers[0], signal.SIGKILL)
-                return future
-
-        assert found(sweep(tmp_path, client=Engine())) == found(here) and Engine.killed
+    with dask_that_loses_a_worker() as engine:
+        assert found(sweep(tmp_path, client=engine)) == found(here)
 
 
 def test_what_was_begun_goes_on(here, tmp_path):

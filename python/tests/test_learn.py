@@ -1,14 +1,11 @@
 """Promise: many logs give one model, with the same bits whoever works on them."""
 
-import os
-import signal
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
-from distributed import Client, LocalCluster
-from rings import Ring, agent_of, drive, program
+from rings import Ring, agent_of, dask_that_loses_a_worker, drive, program
 
 import adagio
 
@@ -44,26 +41,8 @@ def test_by_threads(logs, here, tmp_path):
 
 
 def test_by_dask_with_a_worker_that_is_killed(logs, here, tmp_path):
-    with (
-        LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, host="127.0.0.1") as cluster,
-        Client(cluster) as client,
-    ):
-        workers = [int(pid) for pid in client.run(os.getpid).values()]
-
-        class Engine:
-            """As the client, but one of its workers is killed while it works."""
-
-            killed = False
-
-            def submit(self, function, *arguments):
-                future = client.submit(function, *arguments)
-                if not Engine.killed:
-                    Engine.killed = True
-                    os.kill(workers[0], signal.SIGKILL)
-                return future
-
-        report = adagio.learn(logs, out=tmp_path / "model", client=Engine())
-        assert Engine.killed and report["digest"] == here["digest"]
+    with dask_that_loses_a_worker() as engine:
+        assert adagio.learn(logs, out=tmp_path / "model", client=engine)["digest"] == here["digest"]
 
 
 def test_settings_and_errors(logs, here, tmp_path):

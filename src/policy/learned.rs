@@ -433,16 +433,6 @@ impl Learned {
         state
     }
 
-    /// Q-values of an observation for every task: the same as [`Learned::q_values`] of each, at the cost of one where values are
-    /// local.
-    ///
-    /// # Panics
-    /// If the observation is not of the size that the scenario sets, see [`Learned::features`].
-    pub fn q_values_of_all_tasks(&self, observation: &Observation) -> Vec<ActionValues> {
-        let state = self.state(observation);
-        (0..self.weights.len()).map(|task| state.q_values(task)).collect()
-    }
-
     /// Whether there is a goal to pursue: one that is `shown` needs marks.
     pub fn has_goal(&self, task: usize, shown: bool) -> bool {
         !shown || self.regions.get(task).is_some_and(Option::is_some)
