@@ -142,8 +142,9 @@ fn hosts_are_reached_by_ssh_whatever_paths_are_called() {
 
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    let names = drives(folder, 2);
-    let here = learn(folder, &[&names[0], &names[1]], &["--no-evaluate", "--out", "here"]);
+    // One for each host, so that each is asked while the others work.
+    let names = drives(folder, 3);
+    let here = learn(folder, &[&names[0], &names[1], &names[2]], &["--no-evaluate", "--out", "here"]);
     std::fs::rename(folder.join(&names[0]), folder.join("Anna's drive")).unwrap();
     // It runs here what it would run there, and says for whom.
     let ssh = "#!/bin/sh\n[ \"$1 $2\" = \"-o BatchMode=yes\" ] || exit 9\n[ \"$3\" = dead ] && exit 255\necho \"$3\" >> asked\nshift 3\nexec sh -c \"$*\"\n";
@@ -155,7 +156,8 @@ fn hosts_are_reached_by_ssh_whatever_paths_are_called() {
     let output = Command::new(env!("CARGO_BIN_EXE_adagio"))
         .current_dir(folder)
         .env("PATH", path)
-        .args(["learn", "--hosts", "hosts", "--no-evaluate", "--quiet", "--out", "there", "Anna's drive", &names[1]])
+        .args(["learn", "--hosts", "hosts", "--no-evaluate", "--quiet", "--out", "there"])
+        .args(["Anna's drive", &names[1], &names[2]])
         .output()
         .unwrap();
     assert!(output.status.success(), "{}", stderr(&output));
