@@ -133,11 +133,11 @@ impl Bench {
         let (grown, found) = timed(|| members(&first));
         let (all, none) = (begin("candidates"), begin("no-candidates"));
         found.write(&all, &scenario).expect("room for a part");
-        let (full, _) = union(&setting, &first, (std::slice::from_ref(&all), None)).expect("candidates");
-        let found_m = full.members().ncols() as f64;
+        let (known, _) = union(&setting, &first, (std::slice::from_ref(&all), None)).expect("candidates");
+        let found_m = known.members().ncols() as f64;
         assert!((found_m / m as f64 - 1.0).abs() < 0.1, "{found_m} support vectors where {m} are wanted");
         // The same frames once more: none of them is new.
-        let (judged, found) = timed(|| members(&full));
+        let (judged, found) = timed(|| members(&known));
         let judge = judged / filling.frames as f64;
         found.write(&none, &scenario).expect("room for a part");
         let [read, read_none] =
@@ -151,15 +151,15 @@ impl Bench {
         });
 
         let path = begin("dictionary");
-        let (dictionary_written, ()) = timed(|| full.write(&path, &scenario).expect("room for a dictionary"));
+        let (dictionary_written, ()) = timed(|| known.write(&path, &scenario).expect("room for a dictionary"));
         let (dictionary_read, _) = timed(|| Dictionary::read(&path, &setting).expect("a dictionary"));
-        let (digest, _) = timed(|| full.digest());
+        let (digest, _) = timed(|| known.digest());
 
         let parts = ["sums-long", "sums-a", "sums-b"].map(begin);
-        let (summed, of_long) = timed(|| sums(&setting, &Piece::whole(&long), &full).expect("a whole log"));
+        let (summed, of_long) = timed(|| sums(&setting, &Piece::whole(&long), &known).expect("a whole log"));
         of_long.write(&parts[0], &scenario).expect("room for a part");
         for (log, part) in short.iter().zip(&parts[1..]) {
-            sums(&setting, &Piece::whole(log), &full)
+            sums(&setting, &Piece::whole(log), &known)
                 .expect("a whole log")
                 .write(part, &scenario)
                 .expect("room for a part");
@@ -169,13 +169,13 @@ impl Bench {
             let of = sums_of(&parts[1]);
             once(|| of.write(&parts[1], &scenario).expect("room for a part"))
         });
-        let merging = |parts: &[PathBuf]| timed(|| merge(&setting, &full, (parts, None)).expect("parts")).0;
+        let merging = |parts: &[PathBuf]| timed(|| merge(&setting, &known, (parts, None)).expect("parts")).0;
         let (merged_one, merged_two) = (merging(&parts[1..2]), merging(&parts[1..]));
         let [few_read, many_read] = [1, 0].map(|of| timed(|| sums_of(&parts[of])).0);
         let [with_few, with_many] = [1, 0].map(|of| {
             let modelled = timed_of(|| {
                 let of = sums_of(&parts[of]);
-                once(|| model(&setting, &full, of).expect("a model"))
+                once(|| model(&setting, &known, of).expect("a model"))
             });
             modelled.0
         });

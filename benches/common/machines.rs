@@ -196,7 +196,7 @@ pub struct Costs {
 pub struct Logs {
     pub count: usize,
     pub frames: f64,
-    /// Frames of each until its dictionary is full.
+    /// Frames of a piece of each until its dictionary is full.
     pub judged: f64,
     /// Candidates of a piece of a log, for each round.
     pub found: Vec<f64>,
@@ -262,8 +262,8 @@ pub fn learn(costs: &Costs, logs: &Logs, machines: &Machines) -> Option<Forecast
         let [seconds, once, growth] =
             if round == 0 { [0.0, 0.0, c.growth] } else { [c.dictionary_read, c.dictionary_bytes, 0.0] };
         let written = c.candidates_written[0] + found * c.candidates_written[1];
-        let judged = of_piece.min(logs.judged) * (c.judge - c.decode);
-        members += pass(pieces, once, give, seconds + before + of_piece * c.decode + judged + growth + written)?;
+        let found_in = of_piece * c.decode + of_piece.min(logs.judged) * (c.judge - c.decode);
+        members += pass(pieces, once, give, seconds + before + found_in + growth + written)?;
         // Parts are read until the dictionary is full.
         let read = c.candidates_read[0] + found * c.candidates_read[1] + give / machines.server;
         let judged = if found > 0.0 { parts_of_all.min((c.m / found).ceil()) } else { parts_of_all };

@@ -121,8 +121,8 @@ fn a_device_that_is_lost_gives_an_error_and_nothing_else() {
 #[test]
 fn more_than_a_device_has_room_for_is_refused_with_both_numbers() {
     let Some((_turn, gpu)) = device() else { return };
-    // Vectors so long that one tile of them is too large.
-    let d = (gpu.largest_buffer() / (4 * 64)) as usize + 1;
+    // Vectors so long that those of one group are too large.
+    let d = (gpu.largest_buffer() / (4 * 128)) as usize + 1;
     let mut rows = Rows::new(gpu.clone(), d).unwrap();
     let members = Arc::new(Mat::<f32>::zeros(d, 1));
     let error = rows.hold(&members, &[0.0]).unwrap_err().to_string();
