@@ -153,6 +153,11 @@ pub enum SlowError {
         /// What is wrong there.
         cause: Box<SlowError>,
     },
+    /// A class whose samples do not span their space.
+    #[error(
+        "the covariance of class {0} is singular: it has too few samples, or features that depend on each other; give a floor > 0"
+    )]
+    Singular(usize),
     /// The eigenvalue iteration did not converge; this points to values that are not finite.
     #[error("the eigenvalues of a {0} × {0} matrix did not converge: its values are not finite")]
     Eigenvalues(usize),

@@ -39,6 +39,7 @@
 //! | the same, as a stream without end | [`SlowStream`], [`solve()`](solve()), [`SlowModel`] |
 //! | images, or too many channels for one expansion | [`Network`], a hierarchy of small pipelines |
 //! | a signal whose true state is known | [`theory`]: what its slow features must look like |
+//! | samples of classes, without any time | [`classes`] |
 //! | another objective of the same kind, or no room for matrices | [`coherence`] |
 //! | slow features that shall say *where*, not *how far along* | [`ica`]: independent components, place cells |
 //!
@@ -75,6 +76,7 @@
 //! Thesis chapter 4; Wiskott & Sejnowski, Neural Computation 14 (2002). Errata of the thesis stand where they matter:
 //! [`KernelSfa`] (§4.3.3), [`LinearSfa`] (§4.3.1), [`theory`] (§4.1.2), [`coherence::bray`] (§4.1.1).
 
+pub mod classes;
 pub mod coherence;
 mod dense;
 mod error;

@@ -15,6 +15,7 @@ mod region;
 mod regression;
 mod selection;
 mod slow;
+mod slow_classes;
 mod slow_dependent;
 mod slow_expanded;
 mod slow_hierarchy;
