@@ -28,7 +28,7 @@ pub fn experiment(args: &ExperimentArgs, stop: &AtomicBool) -> Result<(), Ending
     match experiment::run(experiment, &scope, &out, stop) {
         Ok((value, _)) if args.json => print_json(&value),
         Ok((_, text)) => print(&format!("{text}\nkept in {}\n", out.display())),
-        Err(error @ ExperimentError::Exists(_)) => Err(Ending::usage(error)),
+        Err(error @ (ExperimentError::Exists(_) | ExperimentError::Data { .. })) => Err(Ending::usage(error)),
         Err(error) => Err(error.into()),
     }
 }
@@ -50,6 +50,9 @@ pub fn order(name: &str, args: &ExperimentArgs) -> Result<(&'static Experiment, 
             return Err(Ending::usage(format!("there is no world {world:?}; there are {}", known.join(", "))));
         }
     }
+    if !args.data.is_empty() && name != "digits" {
+        return Err(Ending::usage(format!("--data: the experiment {name} takes no data of others; only digits does")));
+    }
     let size = match (args.quick, args.smoke) {
         (true, true) => return Err(Ending::usage("quick and smoke are two sizes: one of them")),
         (true, false) => Size::Quick,
@@ -62,6 +65,7 @@ pub fn order(name: &str, args: &ExperimentArgs) -> Result<(&'static Experiment, 
         vectors: args.vectors.map(within).transpose().map_err(Ending::usage)?,
         seeds: args.seeds.clone(),
         world: args.world.clone(),
+        data: args.data.clone(),
         par: args
             .threads
             .map_or(Par::rayon(0), |threads| if threads == 1 { Par::Seq } else { Par::rayon(threads.into()) }),

@@ -48,6 +48,8 @@ pub struct Scope {
     pub seeds: Seeds,
     /// Of [`worlds`](super::worlds): the name of one world alone.
     pub world: Option<String>,
+    /// Folders of packages that ship data; none: that of `python3`, and `node_modules`.
+    pub data: Vec<PathBuf>,
     /// Threads for matrix products; results do not depend on them.
     pub par: Par,
     /// Where finished settings are kept.

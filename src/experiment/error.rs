@@ -49,6 +49,16 @@ pub enum ExperimentError {
         /// What the operating system says.
         cause: std::io::Error,
     },
+    /// Data that a package ships are not there.
+    #[error("{name} is not in {looked}: get it with `{got_by}`, and name the folder of the packages with --data")]
+    Data {
+        /// The file.
+        name: String,
+        /// Where it was looked for.
+        looked: String,
+        /// How to get it.
+        got_by: String,
+    },
     /// A result that cannot be kept as JSON.
     #[error("a result cannot be written as JSON: {0}")]
     Json(#[from] serde_json::Error),

@@ -18,11 +18,14 @@
 //! | [`values`] | none: local values against linear ones |
 //! | [`worlds`] | none: the agent in all worlds, beside what it is to be compared with |
 //! | [`place_cells`] | §4.2.3; Franzius et al. 2007 |
+//! | [`digits`] | §4.2.2; Berkes 2005 |
 
 mod alike;
 mod band;
 mod bench;
 mod cache;
+mod data;
+pub mod digits;
 mod driven;
 mod error;
 mod field;
@@ -69,6 +72,7 @@ pub const ALL: &[Experiment] = &[
     values::EXPERIMENT,
     worlds::EXPERIMENT,
     place_cells::EXPERIMENT,
+    digits::EXPERIMENT,
 ];
 
 /// The experiment of a name.

@@ -114,6 +114,9 @@ pub enum SlowError {
     /// A kernel matrix that is none.
     #[error("this is no kernel matrix: {0}")]
     Gram(String),
+    /// The radius of a sphere.
+    #[error("a radius of {0} is not allowed: it must be > 0 and finite")]
+    Radius(f64),
     /// A share of the variance.
     #[error("a share {0} of the variance is not allowed: it must be in (0, 1]")]
     VarianceShare(f64),

@@ -39,6 +39,7 @@
 //! | the same, as a stream without end | [`SlowStream`], [`solve()`](solve()), [`SlowModel`] |
 //! | images, or too many channels for one expansion | [`Network`], a hierarchy of small pipelines |
 //! | a signal whose true state is known | [`theory`]: what its slow features must look like |
+//! | quadratic features, and the question what they respond to | [`QuadraticForm`] |
 //! | samples of classes, without any time | [`classes`] |
 //! | another objective of the same kind, or no room for matrices | [`coherence`] |
 //! | slow features that shall say *where*, not *how far along* | [`ica`]: independent components, place cells |
@@ -90,6 +91,7 @@ mod linear_stream;
 mod links;
 mod model;
 mod moments;
+mod quadratic;
 pub mod region;
 mod retained;
 mod reveal;
@@ -107,5 +109,6 @@ pub use linear_stream::LinearStream;
 pub use links::Link;
 pub use model::SlowModel;
 pub use moments::{MOST_COORDINATES, Moments};
+pub use quadratic::QuadraticForm;
 pub use solve::{Method, SlowFeatures, SolveOptions, Solver, TOLERANCE, solve, solve_bytes, solve_with};
 pub use stream::{MOST_CHUNK, Options as StreamOptions, Screened, SlowStream};

@@ -23,6 +23,7 @@ mod slow_input;
 mod slow_kernel;
 mod slow_lanczos;
 mod slow_linear;
+mod slow_quadratic;
 #[cfg(feature = "snapshot")]
 mod snapshots;
 mod theory;

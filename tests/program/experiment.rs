@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use crate::common::{adagio, stderr, stdout};
+use crate::common::{adagio, python, stderr, stdout};
 use serde_json::Value;
 
 /// The smallest version of an experiment in a folder of its own.
@@ -52,14 +52,32 @@ fn experiments_are_listed_and_an_unknown_one_is_refused() {
     for wrong in [["--seeds", "5..3"], ["--vectors", "7"], ["--threads", "0"]] {
         assert_eq!(adagio(folder.path(), &[&["experiment", "slowness"], &wrong[..]].concat()).status.code(), Some(2));
     }
-    assert!(files(folder.path()).is_empty(), "nothing is left behind");
+    let missing = adagio(folder.path(), &["experiment", "digits", "--smoke", "--data", "."]);
+    assert_eq!(missing.status.code(), Some(2));
+    assert!(
+        stderr(&missing).contains("sklearn/datasets/data/digits.csv.gz") && stderr(&missing).contains("pip install")
+    );
+    let needless = adagio(folder.path(), &["experiment", "values", "--data", "."]);
+    assert_eq!(needless.status.code(), Some(2));
+    let cache = folder.path().join("experiments/digits/cache");
+    assert!(files(&cache).is_empty() && files(folder.path()).len() == 1, "nothing is left behind but an empty cache");
 }
 
 #[test]
 fn every_experiment_leaves_tables_and_plots_of_what_it_kept() {
     let folder = tempfile::tempdir().unwrap();
     for name in names() {
-        let output = smoke(folder.path(), &name, &["--out", &format!("{name}-results"), "--json"]);
+        // Some read what a package of others ships.
+        let data = match name == "digits" {
+            false => None,
+            true => match python("data_folder.py", &[]) {
+                None => continue,
+                found => found,
+            },
+        };
+        let data: Vec<&str> = data.iter().flat_map(|folder| ["--data", folder.trim()]).collect();
+        let results = format!("{name}-results");
+        let output = smoke(folder.path(), &name, &[&["--out", &results, "--json"], &data[..]].concat());
         assert!(output.status.success(), "{name}: {}", stderr(&output));
         let out = folder.path().join(format!("{name}-results"));
         let result = json(&out.join("result.json"));
@@ -92,7 +110,7 @@ fn every_experiment_leaves_tables_and_plots_of_what_it_kept() {
         let kept: BTreeSet<PathBuf> =
             result["cache"].as_array().unwrap().iter().map(|file| cache.join(file.as_str().unwrap())).collect();
         assert_eq!(kept, files(&cache), "{name}");
-        let again = smoke(folder.path(), &name, &["--json"]);
+        let again = smoke(folder.path(), &name, &[&["--json"], &data[..]].concat());
         assert!(again.status.success(), "{name}: {}", stderr(&again));
         assert_eq!(stderr(&again).matches("(kept").count(), kept.len(), "{name}: {}", stderr(&again));
         assert_eq!(
