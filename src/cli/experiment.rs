@@ -50,8 +50,10 @@ pub fn order(name: &str, args: &ExperimentArgs) -> Result<(&'static Experiment, 
             return Err(Ending::usage(format!("there is no world {world:?}; there are {}", known.join(", "))));
         }
     }
-    if !args.data.is_empty() && name != "digits" {
-        return Err(Ending::usage(format!("--data: the experiment {name} takes no data of others; only digits does")));
+    if !args.data.is_empty() && !["digits", "receptive-fields"].contains(&name) {
+        return Err(Ending::usage(format!(
+            "--data: the experiment {name} takes no data of others; digits and receptive-fields do"
+        )));
     }
     let size = match (args.quick, args.smoke) {
         (true, true) => return Err(Ending::usage("quick and smoke are two sizes: one of them")),

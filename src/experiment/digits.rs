@@ -19,7 +19,7 @@ use crate::slow::{Expansion, Keep, Pca, SlowError, SolveOptions, solve_with};
 pub const EXPERIMENT: Experiment = Experiment {
     name: "digits",
     line: "handwritten digits by slow features of pairs of the same digit (thesis §4.2.2)",
-    lasts: Sizes { full: "20 min", quick: "1 min", smoke: "seconds" },
+    lasts: Sizes { full: "10 min", quick: "half a minute", smoke: "seconds" },
     run,
 };
 

@@ -18,6 +18,7 @@
 //! | [`values`] | none: local values against linear ones |
 //! | [`worlds`] | none: the agent in all worlds, beside what it is to be compared with |
 //! | [`place_cells`] | §4.2.3; Franzius et al. 2007 |
+//! | [`receptive_fields`] | §4.2.1; Berkes & Wiskott 2005 |
 //! | [`digits`] | §4.2.2; Berkes 2005 |
 
 mod alike;
@@ -38,6 +39,7 @@ pub mod place_cells;
 mod plot;
 pub mod pose_lspi;
 mod quality;
+pub mod receptive_fields;
 pub mod responses;
 mod seeds;
 pub mod selection;
@@ -72,6 +74,7 @@ pub const ALL: &[Experiment] = &[
     values::EXPERIMENT,
     worlds::EXPERIMENT,
     place_cells::EXPERIMENT,
+    receptive_fields::EXPERIMENT,
     digits::EXPERIMENT,
 ];
 

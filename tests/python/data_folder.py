@@ -5,7 +5,8 @@ import sysconfig
 from pathlib import Path
 
 folder = Path(sysconfig.get_paths()["purelib"])
-if not (folder / "sklearn/datasets/data/digits.csv.gz").is_file():
-    print("scikit-learn is not installed", file=sys.stderr)
-    sys.exit(3)
+for package, file in [("scikit-learn", "sklearn/datasets/data/digits.csv.gz"), ("scikit-image", "skimage/data/camera.png")]:
+    if not (folder / file).is_file():
+        print(f"{package} is not installed", file=sys.stderr)
+        sys.exit(3)
 print(folder)
