@@ -19,8 +19,8 @@ static WORKED: AtomicU32 = AtomicU32::new(0);
 const FORKED: &str = "this process was forked from one that had done experiments itself, and has none of its threads: \
                       ProcessPoolExecutor(mp_context=multiprocessing.get_context(\"spawn\"))";
 
-/// Name, whether quick, whether smoke, support vectors, world.
-type What = (String, bool, bool, Option<Count>, Option<String>);
+/// Name, whether quick, whether smoke, support vectors, world, folders of packages.
+type What = (String, bool, bool, Option<Count>, Option<String>, Vec<PathBuf>);
 
 /// Do an experiment; `engine` is called with a list of the arguments of [`experiment_seed`], and has them done. `result.json`, and its
 /// folder.
@@ -43,8 +43,8 @@ pub fn experiment(
     if out.exists() {
         return Err(refused(ExperimentError::Exists(out)));
     }
-    let (name, quick, smoke, vectors, world) = &what;
-    let what = (name, quick, smoke, vectors.map(|number| number.0), world);
+    let (name, quick, smoke, vectors, world, data) = &what;
+    let what = (name, quick, smoke, vectors.map(|number| number.0), world, data);
     let parts: Vec<_> = scope.seeds.iter().map(|&seed| (what, seed, &scope.cache)).collect();
     engine.call1((parts,))?;
     let (result, _) = interruptible(py, |stop| run(experiment, &scope, &out, stop).map_err(ended))?.map_err(raised)?;
@@ -72,7 +72,7 @@ pub fn experiment_seed(py: Python<'_>, what: What, seed: Count, cache: PathBuf) 
 
 /// The arguments of the command, checked as it does; on threads of our own, as rayon's others would not survive a fork.
 fn checked(
-    (name, quick, smoke, vectors, world): &What,
+    (name, quick, smoke, vectors, world, data): &What,
     seeds: &[Count],
     out: Option<PathBuf>,
     cache: Option<PathBuf>,
@@ -85,6 +85,7 @@ fn checked(
         vectors: vectors.map(|number| number.0),
         seeds: Seeds::new(seeds.iter().map(|seed| seed.0 as u64)).map_err(usage)?,
         world: world.clone(),
+        data: data.clone(),
         out,
         cache,
         threads: None,
@@ -96,7 +97,7 @@ fn checked(
 
 fn ended(error: ExperimentError) -> Ending {
     match error {
-        ExperimentError::Exists(_) => Ending::Usage(error.to_string()),
+        ExperimentError::Exists(_) | ExperimentError::Data { .. } => Ending::Usage(error.to_string()),
         _ => Ending::from(error),
     }
 }

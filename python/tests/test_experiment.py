@@ -3,8 +3,10 @@
 import json
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing import get_context
+from pathlib import Path
 
 import pytest
+import sklearn
 from rings import dask_that_loses_a_worker, finished, program, script
 
 import adagio
@@ -117,6 +119,14 @@ def test_default_folders(tmp_path, monkeypatch):
     for number in ("001", "002"):
         assert (tmp_path / adagio.experiment(NAME, [11], smoke=True, vectors=50)["folder"]).samefile(folder / number)
     assert {path.name for path in folder.iterdir()} == {"001", "002", "cache"}
+
+
+def test_data_of_packages(tmp_path):
+    packages = Path(sklearn.__file__).parent.parent
+    result = adagio.experiment("digits", [11], smoke=True, data=[packages], out=tmp_path / "out", cache=tmp_path / "cache")
+    assert all(0 <= row["test error, %"] <= 100 for row in result["tables"][0]["rows"])
+    with pytest.raises(ValueError, match="pip install scikit-learn"):
+        adagio.experiment("digits", [11], smoke=True, data=[tmp_path], out=tmp_path / "two", cache=tmp_path / "cache")
 
 
 def test_bad_calls(here, tmp_path, monkeypatch):

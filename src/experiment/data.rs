@@ -43,26 +43,31 @@ const PHOTOGRAPHS: [(&str, &str); 9] = [
     ("skimage/data/rocket.jpg", "pip install scikit-image"),
 ];
 
-/// The folders with packages: those that were named, or the one of `python3` and `node_modules`.
-fn folders(bench: &Bench<'_>) -> Vec<PathBuf> {
-    if !bench.scope.data.is_empty() {
-        return bench.scope.data.clone();
-    }
-    let script = "import sysconfig; print(sysconfig.get_paths()['purelib'])";
-    let of_python = Command::new("python3").args(["-c", script]).output().ok();
-    let of_python = of_python.and_then(|output| String::from_utf8(output.stdout).ok());
-    let of_python = of_python.map(|path| PathBuf::from(path.trim())).filter(|path| path.is_dir());
-    of_python.into_iter().chain([PathBuf::from("node_modules")]).collect()
-}
+/// Folders of packages.
+pub struct Packages(Vec<PathBuf>);
 
-/// A file of a package; `got_by` says how to get it.
-fn find(bench: &Bench<'_>, name: &str, got_by: &str) -> Result<PathBuf, ExperimentError> {
-    let folders = folders(bench);
-    folders.iter().map(|folder| folder.join(name)).find(|path| path.is_file()).ok_or_else(|| ExperimentError::Data {
-        name: name.to_owned(),
-        looked: folders.iter().map(|folder| folder.display().to_string()).collect::<Vec<_>>().join(" or "),
-        got_by: got_by.to_owned(),
-    })
+impl Packages {
+    /// Those that were named, or the one of `python3` and `node_modules`.
+    pub fn of(bench: &Bench<'_>) -> Self {
+        if !bench.scope.data.is_empty() {
+            return Packages(bench.scope.data.clone());
+        }
+        let script = "import sysconfig; print(sysconfig.get_paths()['purelib'])";
+        let of_python = Command::new("python3").args(["-c", script]).output().ok();
+        let of_python = of_python.and_then(|output| String::from_utf8(output.stdout).ok());
+        let of_python = of_python.map(|path| PathBuf::from(path.trim())).filter(|path| path.is_dir());
+        Packages(of_python.into_iter().chain([PathBuf::from("node_modules")]).collect())
+    }
+
+    /// A file of a package; `got_by` says how to get it.
+    fn find(&self, name: &str, got_by: &str) -> Result<PathBuf, ExperimentError> {
+        let found = self.0.iter().map(|folder| folder.join(name)).find(|path| path.is_file());
+        found.ok_or_else(|| ExperimentError::Data {
+            name: name.to_owned(),
+            looked: self.0.iter().map(|folder| folder.display().to_string()).collect::<Vec<_>>().join(" or "),
+            got_by: got_by.to_owned(),
+        })
+    }
 }
 
 fn read(path: &Path) -> Result<Vec<u8>, ExperimentError> {
@@ -90,8 +95,8 @@ fn digest(files: &[&[u8]]) -> String {
 ///
 /// # Errors
 /// They are not found, or are no table of numbers.
-pub fn small_digits(bench: &Bench<'_>) -> Result<Labelled, ExperimentError> {
-    let path = find(bench, SMALL.0, SMALL.1)?;
+pub fn small_digits(packages: &Packages) -> Result<Labelled, ExperimentError> {
+    let path = packages.find(SMALL.0, SMALL.1)?;
     let bytes = read(&path)?;
     let text = std::str::from_utf8(&bytes).map_err(|_| is_none(&path, "it is no text"))?;
     let rows: Result<Vec<Vec<f64>>, _> =
@@ -111,9 +116,9 @@ pub fn small_digits(bench: &Bench<'_>) -> Result<Labelled, ExperimentError> {
 ///
 /// # Errors
 /// They are not found, or are no such files.
-pub fn mnist(bench: &Bench<'_>) -> Result<[Labelled; 2], ExperimentError> {
+pub fn mnist(packages: &Packages) -> Result<[Labelled; 2], ExperimentError> {
     let file = |name: &str| -> Result<(PathBuf, Vec<u8>), ExperimentError> {
-        let path = find(bench, &format!("{}/{name}", MNIST_FOLDER.0), MNIST_FOLDER.1)?;
+        let path = packages.find(&format!("{}/{name}", MNIST_FOLDER.0), MNIST_FOLDER.1)?;
         let bytes = read(&path)?;
         Ok((path, bytes))
     };
@@ -139,10 +144,10 @@ pub fn mnist(bench: &Bench<'_>) -> Result<[Labelled; 2], ExperimentError> {
 ///
 /// # Errors
 /// One is not found, or is no image.
-pub fn photographs(bench: &Bench<'_>) -> Result<(Vec<Mat<f64>>, String), ExperimentError> {
+pub fn photographs(packages: &Packages) -> Result<(Vec<Mat<f64>>, String), ExperimentError> {
     let mut digest = Sha256::new();
     let photograph = |&(name, got_by): &(&str, &str)| {
-        let path = find(bench, name, got_by)?;
+        let path = packages.find(name, got_by)?;
         let bytes = read(&path)?;
         digest.update(&bytes);
         let grey = image::load_from_memory(&bytes)?.to_luma32f();

@@ -6,7 +6,7 @@
 use faer::{Mat, MatRef};
 use serde::{Deserialize, Serialize};
 
-use super::data::{Labelled, mnist, small_digits};
+use super::data::{Labelled, Packages, mnist, small_digits};
 use super::pipeline::Widths;
 use super::plot::{Line, chart};
 use super::{Band, Bench, Cell, Experiment, ExperimentError, Once, Results, Sizes, Table};
@@ -261,13 +261,14 @@ fn rows(bench: &Bench<'_>) -> Vec<Row> {
 fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     let rows = rows(bench);
     bench.plan(rows.len());
-    let small = small_digits(bench)?;
+    let packages = Packages::of(bench);
+    let small = small_digits(&packages)?;
     let large: Once<Split> = Once::default();
     let mut found = Vec::new();
     for row in rows {
         let (set, method, components) = (row.set, row.method, row.components);
         let of_mnist = match set {
-            Set::Mnist => Some(large.get(|| mnist(bench))?),
+            Set::Mnist => Some(large.get(|| mnist(&packages))?),
             Set::Small { .. } => None,
         };
         let data =

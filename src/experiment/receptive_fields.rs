@@ -13,7 +13,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
-use super::data::photographs;
+use super::data::{Packages, photographs};
 use super::maps::{Grid, Map, sheet};
 use super::{Band, Bench, Cell, Experiment, ExperimentError, Results, Sizes, Table};
 use crate::random::stream;
@@ -397,7 +397,7 @@ fn compute(images: &[Mat<f64>], settings: &Settings, bench: &Bench<'_>) -> Resul
 fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     let amounts = bench.scope.pick(AMOUNTS);
     bench.plan(KEPT.len() * bench.scope.seeds.len());
-    let (images, data) = photographs(bench)?;
+    let (images, data) = photographs(&Packages::of(bench))?;
     let mut found: [Vec<Outcome>; 2] = Default::default();
     for &seed in bench.scope.seeds.iter() {
         for ((name, kept), found) in KEPT.into_iter().zip(&mut found) {

@@ -52,7 +52,7 @@ def learn_part(
     verb: str, log: Path, frames: tuple[int, int], scenario: Path, dictionary: Path, out: Path
 ) -> None: ...
 
-_What = tuple[str, bool, bool, int | None, str | None]
+_What = tuple[str, bool, bool, int | None, str | None, list[Path]]
 
 def experiment(
     what: _What, seeds: list[int], out: Path | None, cache: Path | None, engine: Callable[..., object]

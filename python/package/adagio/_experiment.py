@@ -21,6 +21,7 @@ def experiment(
     smoke: bool = False,
     vectors: int | None = None,
     world: str | None = None,
+    data: Iterable[str | os.PathLike[str]] = (),
     out: str | os.PathLike[str] | None = None,
     cache: str | os.PathLike[str] | None = None,
 ) -> dict[str, Any]:
@@ -50,6 +51,8 @@ def experiment(
         Support vectors in place of the size's own number; the most of them, where an experiment has several.
     world : str, optional
         Of the experiment ``"worlds"``: one world alone, the name of its scenario.
+    data : paths
+        Of ``"digits"`` and ``"receptive-fields"``: folders of packages that ship data; without, that of ``python3`` and ``node_modules``.
     out : path, optional
         Folder for tables and plots, which must not exist yet; without, a new one under ``experiments/NAME``.
     cache : path, optional
@@ -63,11 +66,11 @@ def experiment(
     Raises
     ------
     ValueError
-        No such experiment or world, no seeds, a folder that exists already.
+        No such experiment or world, no seeds, data that are not there, a folder that exists already.
     RuntimeError
         A file cannot be read or written, or the experiment fails.
     """
-    what = (name, quick, smoke, vectors, world)
+    what = (name, quick, smoke, vectors, world, [Path(folder).absolute() for folder in data])
     out, cache = (None if path is None else Path(path) for path in (out, cache))
     result, folder = _adagio.experiment(what, list(seeds), out, cache, engine(client, _adagio.experiment_seed))
     return {**json.loads(result), "folder": Path(folder)}
