@@ -232,7 +232,7 @@ struct Grating {
     part: (f64, f64),
 }
 
-/// Nothing but a place for numbers.
+/// What stands for the best grating if there are none.
 const WHOLE: Grating = Grating { orientation: 0.0, cycles: 1.0, advance: 0.0, part: (1.0, 1.0) };
 /// Parts of the window that gratings are tried in.
 const PARTS: [(f64, f64); 4] = [(1.0, 1.0), (0.5, 1.0), (1.0, 0.5), (0.5, 0.5)];
@@ -322,21 +322,20 @@ fn unit(
         _ => (second, peak(second)),
     };
     let mean_of = |grating: Grating| response(form, &stage.seen(grating)).mean;
-    let over: Vec<f64> = (0..ORIENTATIONS)
-        .map(|k| mean_of(Grating { orientation: grating.orientation + PI * k as f64 / ORIENTATIONS as f64, ..grating }))
-        .collect();
-    // Past half a turn a grating drifts the other way; both ways to half the height are taken within it.
+    // Up to a right angle to both sides: beyond it lie the same bars, drifting the other way.
     let step = 180.0 / ORIENTATIONS as f64;
-    let to_half = |at: &dyn Fn(usize) -> f64| {
-        let fallen = (1..=ORIENTATIONS / 2).find(|&k| at(k) < best.mean / 2.0);
-        fallen.map_or(90.0, |k| step * (k as f64 - 1.0 + (at(k - 1) - best.mean / 2.0) / (at(k - 1) - at(k))))
+    let turned = |side: f64| -> Vec<f64> {
+        let by = |k: usize| side * PI * k as f64 / ORIENTATIONS as f64;
+        let orientations = (0..=ORIENTATIONS / 2).map(|k| grating.orientation + by(k));
+        orientations.map(|orientation| mean_of(Grating { orientation, ..grating })).collect()
     };
-    let back = |k: usize| {
-        mean_of(Grating { orientation: grating.orientation - PI * k as f64 / ORIENTATIONS as f64, ..grating })
+    let sides = [turned(1.0), turned(-1.0)];
+    let to_half = |over: &Vec<f64>| {
+        let fallen = (1..over.len()).find(|&k| over[k] < best.mean / 2.0);
+        fallen.map_or(90.0, |k| step * (k as f64 - 1.0 + (over[k - 1] - best.mean / 2.0) / (over[k - 1] - over[k])))
     };
-    let half_width_deg = (to_half(&|k| over[k]) + to_half(&back)) / 2.0;
-    let lowest = (0..ORIENTATIONS).min_by(|&a, &b| over[a].total_cmp(&over[b])).unwrap_or(0);
-    let from_best = (lowest as f64 * step).min(180.0 - lowest as f64 * step);
+    let half_width_deg = sides.iter().map(to_half).sum::<f64>() / 2.0;
+    let lowest = sides.iter().flat_map(|over| over.iter().enumerate()).min_by(|a, b| a.1.total_cmp(b.1));
     let falls = |of: &dyn Fn(f64) -> (f64, f64)| {
         let parts = (1..=8).map(|eighths| mean_of(Grating { part: of(f64::from(eighths) / 8.0), ..grating }));
         1.0 - mean_of(Grating { part: of(1.0), ..grating }) / parts.fold(best.mean, f64::max)
@@ -348,7 +347,7 @@ fn unit(
         harmonics: best.harmonics.map(|harmonic| harmonic / best.mean),
         half_width_deg,
         direction: 1.0 - (mean_of(Grating { advance: -grating.advance, ..grating }) / best.mean).max(0.0),
-        inhibited_at_deg: (over[lowest] < 0.0).then_some(from_best),
+        inhibited_at_deg: lowest.filter(|(_, response)| **response < 0.0).map(|(k, _)| k as f64 * step),
         end: falls(&|share| (share, grating.part.1)),
         side: falls(&|share| (grating.part.0, share)),
     })

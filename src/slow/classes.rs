@@ -23,6 +23,7 @@ const BLOCK: usize = 512;
 /// `2n/(n − 1)` times that of `(v − μ)(v − μ)ᵀ`. Each class counts by its number of samples. [`solve()`](super::solve()) minimises
 /// within classes while it keeps the variance of all: linear features are those of Fisher's discriminant analysis.
 ///
+/// `classes` has the class of each sample, numbered from 0 on: sums are kept for each number up to the largest.
 /// `coordinates` gives the coordinates of some of the samples, `m × b`; it is called twice for each of them, so that monomials or
 /// kernel values of all of them never have to be in memory.
 ///
@@ -121,10 +122,13 @@ impl Gaussians {
     /// Mean and covariance of each class of `x: k × n`; `floor` is added to the variances. Classes without samples are never found.
     ///
     /// # Errors
-    /// A list of classes of another length, values that are not finite, a covariance that is singular with this floor.
+    /// A list of classes of another length, or of none, values that are not finite, a covariance that is singular with this floor.
     pub fn fit(x: MatRef<'_, f64>, classes: &[usize], spread: Spread, floor: f64) -> Result<Self, SlowError> {
         SlowError::unless_fits("the list of classes", classes.len(), x.ncols())?;
         SlowError::unless_finite("the features of a sample are", x)?;
+        if classes.is_empty() {
+            return Err(SlowError::Empty("the list of classes is"));
+        }
         let (k, n) = (x.nrows(), x.ncols() as f64);
         let count = classes.iter().max().map_or(0, |&largest| largest + 1);
         let mut of_class = Vec::new();

@@ -27,9 +27,9 @@ use super::linear::LinearSfa;
 /// 18 (2006).
 #[derive(Debug, Clone, PartialEq)]
 pub struct QuadraticForm {
-    /// `H`, symmetric.
+    /// `H`, symmetric, `n × n`.
     pub h: Mat<f64>,
-    /// `f`.
+    /// `f`, `n`.
     pub f: Vec<f64>,
     /// `c`.
     pub c: f64,

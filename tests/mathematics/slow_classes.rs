@@ -147,6 +147,7 @@ fn what_is_wrong_is_refused() {
     assert!(matches!(class_moments(&classes, |_| Ok(Mat::zeros(2, 3)), Par::Seq), Err(SlowError::Shape { .. })));
     let fit = |x: MatRef<'_, f64>, classes: &[usize], floor| Gaussians::fit(x, classes, Spread::Own, floor);
     assert!(matches!(fit(x.as_ref(), &classes[1..], 0.0), Err(SlowError::Shape { .. })));
+    assert!(matches!(fit(Mat::zeros(2, 0).as_ref(), &[], 0.0), Err(SlowError::Empty(_))));
     assert_eq!(fit(x.as_ref(), &alone, 0.0).unwrap_err(), SlowError::Singular(1));
     assert!(fit(x.as_ref(), &alone, 1e-3).is_ok());
     let twice = Mat::from_fn(2, 1200, |_, t| x[(0, t)]);
