@@ -110,6 +110,10 @@ impl<'a> Drive<'a> {
             eprintln!("warning: {warning}");
         }
         let starts = scenario.evaluate.starts;
+        if self.evaluate && !self.quiet {
+            // On a large floor that takes minutes.
+            eprintln!("searching the shortest ways of {starts} starts per task");
+        }
         let evaluator = self.evaluate.then(|| Evaluator::new(scenario.clone(), world.clone(), starts, scenario.seed));
         let (checkpoint, state) = (self.run.join(CHECKPOINT_NAME), self.run.join(STATE_NAME));
         let most = self.most_actions.unwrap_or(u64::MAX).min(scenario.actions as u64);

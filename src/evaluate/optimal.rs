@@ -8,13 +8,13 @@ use nalgebra::{Point2, Vector2};
 
 use crate::robot::{Action, Pose};
 use crate::scenario::{Robot, Task, distance_to_segment, in_goal};
-use crate::world::{Arena, FrameMotion, drive};
+use crate::world::{Arena, FrameMotion, Segment, drive};
 
 /// Poses that agree within this distance (metres) and angle (degrees) count as one.
 const SAME_PLACE: f64 = 0.02;
 const SAME_HEADING: f64 = 2.0;
 
-/// Side of the squares over which free moves are told from the distance to walls, metres.
+/// Side of the squares of which it is known which walls are near, metres.
 const SQUARE: f64 = 0.1;
 /// A move that stays farther than this from a wall, beyond the robot's radius, cannot be stopped by it, metres: ten times the
 /// distance at which a sweep stops.
@@ -82,7 +82,7 @@ impl<'a> OptimalSteps<'a> {
     /// The first action of a shortest way from a pose, the first one of several; `None` where there is none.
     pub fn first(&self, start: Pose) -> Option<Action> {
         let after = |&motion: &FrameMotion| {
-            let moved = drive(start, motion, self.arena, self.robot.radius).0;
+            let moved = drive(start, motion, self.arena.walls(), self.robot.radius).0;
             if self.avoid.iter().any(|area| area.is_entered(start.position, moved.position)) {
                 None
             } else {
@@ -104,16 +104,15 @@ impl<'a> OptimalSteps<'a> {
             let (x, y) = (place(coords.x, start.position.x) as u32, place(coords.y, start.position.y) as u32);
             u64::from(x) << 36 ^ u64::from(y) << 8 ^ u64::from((degrees / SAME_HEADING).round() as u32 % headings)
         };
-        let (arena, radius) = (self.arena, self.robot.radius);
-        let mut open = Open { arena, reach: radius + self.robot.forward + WELL_CLEAR, squares: HashMap::new() };
+        let mut near = Near::new(self);
         let mut seen: HashSet<u64, BuildHasherDefault<Mix>> = HashSet::from_iter([key(&start)]);
         let mut frontier = vec![start];
         for steps in 1..=limit {
             let mut next = Vec::new();
             for pose in &frontier {
-                let free = open.around(pose.position);
+                let walls = near.walls(pose.position);
                 for &motion in &self.motions {
-                    let moved = if free { unhindered(*pose, motion) } else { drive(*pose, motion, arena, radius).0 };
+                    let moved = drive(*pose, motion, walls, self.robot.radius).0;
                     if self.avoid.iter().any(|area| area.is_entered(pose.position, moved.position)) {
                         continue;
                     }
@@ -214,27 +213,27 @@ impl Hasher for Mix {
     }
 }
 
-/// Where a motion leads that no wall stops: what [`drive`] says there, without asking the walls.
-fn unhindered(pose: Pose, motion: FrameMotion) -> Pose {
-    let turned = Pose::new(pose.position, pose.heading + motion.angle);
-    Pose { position: pose.position + turned.direction() * motion.length, ..turned }
-}
-
-/// Squares of the floor from which no wall can stop a move, found when they are first asked for.
-struct Open<'a> {
+/// The walls that can stop a motion from somewhere in a square of the floor, found when they are first asked for.
+struct Near<'a> {
     arena: &'a Arena,
-    /// Distance from a robot's centre to a wall beyond which the wall does not matter, metres.
+    /// Distance from the middle of a square to a wall beyond which the wall does not matter, metres.
     reach: f64,
-    squares: HashMap<(i32, i32), bool>,
+    squares: HashMap<(i32, i32), Vec<Segment>>,
 }
 
-impl Open<'_> {
-    fn around(&mut self, place: Point2<f64>) -> bool {
+impl<'a> Near<'a> {
+    fn new(search: &OptimalSteps<'a>) -> Self {
+        let longest = search.motions.iter().map(|motion| motion.length.abs()).fold(0.0, f64::max);
+        // The farthest point of the square is half its diagonal away.
+        let reach = search.robot.radius + longest + WELL_CLEAR + SQUARE * std::f64::consts::FRAC_1_SQRT_2;
+        Near { arena: search.arena, reach, squares: HashMap::new() }
+    }
+
+    fn walls(&mut self, place: Point2<f64>) -> &[Segment] {
         let square = (place / SQUARE).map(|value| value.floor() as i32);
-        *self.squares.entry((square.x, square.y)).or_insert_with(|| {
+        self.squares.entry((square.x, square.y)).or_insert_with(|| {
             let centre = (square.map(f64::from) + Vector2::repeat(0.5)) * SQUARE;
-            // The farthest point of the square is half its diagonal away.
-            self.arena.clearance(centre) - SQUARE * std::f64::consts::FRAC_1_SQRT_2 > self.reach
+            self.arena.walls_within(self.reach, centre)
         })
     }
 }
@@ -250,22 +249,25 @@ mod tests {
     const LAB: &str = include_str!("../../scenarios/lab.toml");
 
     #[test]
-    fn free_moves_lead_where_the_walls_let_them() {
-        let scenario = Scenario::parse(LAB, "lab.toml".as_ref(), &[]).unwrap();
-        let arena = World::new(&scenario).unwrap().arena;
-        let (radius, length) = (scenario.robot.radius, scenario.robot.forward);
-        let mut open = Open { arena: &arena, reach: radius + length + WELL_CLEAR, squares: HashMap::new() };
-        let mut free = 0;
-        for i in 0..5000 {
-            let (x, y) = (0.3 + 2.4 * f64::from(i % 71) / 71.0, 0.3 + 1.2 * f64::from(i % 83) / 83.0);
-            let pose = Pose::new(Point2::new(x, y), 0.37 * f64::from(i));
-            let motion = FrameMotion { length, angle: 0.0 };
-            if open.around(pose.position) {
-                assert_eq!(drive(pose, motion, &arena, radius), (unhindered(pose, motion), false));
-                free += 1;
+    fn walls_that_are_too_far_away_stop_nothing() {
+        for text in [LAB, include_str!("../../scenarios/doors.toml")] {
+            let scenario = Scenario::parse(text, "scenario.toml".as_ref(), &[]).unwrap();
+            let (world, robot) = (World::new(&scenario).unwrap(), &scenario.robot);
+            let search = OptimalSteps::new(&world.arena, robot, &scenario.tasks[0], &[], 100);
+            let (mut near, mut asked, mut stopped) = (Near::new(&search), 0, 0);
+            let cells: Vec<Point2<f64>> = world.plan.reachable_cells().collect();
+            let mut rng = stream(7, "test: moves");
+            for _ in 0..5000 {
+                let pose = draw_pose(&world.plan, &cells, &mut rng, |_| false);
+                let motion = FrameMotion { length: robot.forward, angle: 0.0 };
+                let all = drive(pose, motion, world.arena.walls(), robot.radius);
+                let walls = near.walls(pose.position);
+                assert_eq!(drive(pose, motion, walls, robot.radius), all, "{pose:?}");
+                asked += walls.len();
+                stopped += usize::from(all.1);
             }
+            assert!(stopped > 200 && asked < 5000 * world.arena.walls().len() / 2, "{stopped} stopped, {asked} asked");
         }
-        assert!((100..4000).contains(&free), "{free} of 5000 are free");
     }
 
     #[test]

@@ -53,7 +53,7 @@ impl Field<'_> {
                     let motion = robot.actions.motion(action);
                     let motion = FrameMotion { length: motion.distance, angle: motion.angle };
                     let of = |from: Pose| {
-                        let steps = search.from(drive(from, motion, arena, robot.radius).0);
+                        let steps = search.from(drive(from, motion, arena.walls(), robot.radius).0);
                         steps.map_or(0.0, |steps| gamma.powi(steps as i32))
                     };
                     of(pose) + may_be.iter().map(|&by| of(moved(by))).sum::<f64>()

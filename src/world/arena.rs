@@ -17,10 +17,13 @@ const SKIN: f64 = 1e-3;
 /// A disc that touches a wall may come nearer by this, metres, so that rounding does not stop one that goes along it.
 const SLACK: f64 = 1e-9;
 
+/// A straight piece of a wall, from end to end.
+pub type Segment = (Point2<f64>, Point2<f64>);
+
 /// The walls.
 pub struct Arena {
     physics: PhysicsWorld,
-    segments: Vec<(Point2<f64>, Point2<f64>)>,
+    segments: Vec<Segment>,
 }
 
 impl std::fmt::Debug for Arena {
@@ -64,16 +67,19 @@ impl Arena {
         nearest(&self.segments, point)
     }
 
+    /// All walls.
+    pub fn walls(&self) -> &[Segment] {
+        &self.segments
+    }
+
     /// Sweep a disc along a translation; the part of it that is free, and whether a wall stopped it.
     pub fn sweep(&self, from: Point2<f64>, translation: Vector2<f64>, radius: f64) -> (Vector2<f64>, bool) {
-        let length = translation.norm();
-        if length < 1e-9 {
-            return (translation, false);
-        }
-        let direction = translation / length;
-        let free = self.segments.iter().filter_map(|&wall| way_to(wall, from, direction, radius));
-        let free = free.fold(f64::INFINITY, f64::min);
-        if free < length { (direction * free, true) } else { (translation, false) }
+        sweep(&self.segments, from, translation, radius)
+    }
+
+    /// The walls that come at least this near to a point, metres.
+    pub fn walls_within(&self, reach: f64, point: Point2<f64>) -> Vec<Segment> {
+        self.segments.iter().copied().filter(|&wall| nearest(&[wall], point) <= reach).collect()
     }
 
     /// Distance from a point to the first wall in a direction (a unit vector), at most `range`.
@@ -84,10 +90,27 @@ impl Arena {
     }
 }
 
+/// [`Arena::sweep`] among some of the walls.
+pub(super) fn sweep(
+    walls: &[Segment],
+    from: Point2<f64>,
+    translation: Vector2<f64>,
+    radius: f64,
+) -> (Vector2<f64>, bool) {
+    let length = translation.norm();
+    if length < 1e-9 {
+        return (translation, false);
+    }
+    let direction = translation / length;
+    let free = walls.iter().filter_map(|&wall| way_to(wall, from, direction, radius));
+    let free = free.fold(f64::INFINITY, f64::min);
+    if free < length { (direction * free, true) } else { (translation, false) }
+}
+
 /// How far a disc goes in a direction (a unit vector) until it touches a wall from `a` to `b`; `None` if it never does.
 ///
 /// The distance to the wall is a convex function of the way: a disc that touches it and does not come nearer at first never does.
-fn way_to((a, b): (Point2<f64>, Point2<f64>), from: Point2<f64>, direction: Vector2<f64>, radius: f64) -> Option<f64> {
+fn way_to((a, b): Segment, from: Point2<f64>, direction: Vector2<f64>, radius: f64) -> Option<f64> {
     let distance = nearest(&[(a, b)], from);
     // One that is nearer than it should be may not come nearer still.
     let touching = if distance > radius + SKIN { radius + SKIN } else { (distance - SLACK).max(radius).min(distance) };

@@ -4,7 +4,7 @@ use nalgebra::{Point2, Vector2};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-use super::Arena;
+use super::arena::{Arena, Segment, sweep};
 use crate::robot::{Action, ActionSet, Motion, Pose};
 use crate::scenario;
 use crate::snapshot::{Persist, Snapshot, SnapshotError};
@@ -51,7 +51,7 @@ impl Robot {
 
     /// Drive for one frame; whether a wall stopped it.
     pub fn drive(&mut self, motion: FrameMotion, arena: &Arena) -> bool {
-        let (moved, blocked) = drive(self.pose, motion, arena, self.settings.radius);
+        let (moved, blocked) = drive(self.pose, motion, arena.walls(), self.settings.radius);
         let length = (moved.position - self.pose.position).norm();
         self.pose = moved;
         let share = self.settings.odometry_noise;
@@ -93,8 +93,8 @@ impl Persist for Robot {
 }
 
 /// Turn, then drive ahead until a wall stops it: the new pose, and whether one did.
-pub(crate) fn drive(pose: Pose, motion: FrameMotion, arena: &Arena, radius: f64) -> (Pose, bool) {
+pub(crate) fn drive(pose: Pose, motion: FrameMotion, walls: &[Segment], radius: f64) -> (Pose, bool) {
     let turned = Pose::new(pose.position, pose.heading + motion.angle);
-    let (free, blocked) = arena.sweep(pose.position, turned.direction() * motion.length, radius);
+    let (free, blocked) = sweep(walls, pose.position, turned.direction() * motion.length, radius);
     (Pose { position: pose.position + free, ..turned }, blocked)
 }

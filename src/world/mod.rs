@@ -25,7 +25,7 @@ mod views;
 mod views;
 
 pub use appearance::Appearance;
-pub use arena::Arena;
+pub use arena::{Arena, Segment};
 pub use base::DynamicBase;
 pub(crate) use body::drive;
 pub use body::{FrameMotion, Robot};
