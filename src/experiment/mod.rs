@@ -18,6 +18,7 @@
 //! | [`values`] | none: local values against linear ones |
 //! | [`worlds`] | none: the agent in all worlds, beside what it is to be compared with |
 //! | [`place_cells`] | §4.2.3; Franzius et al. 2007 |
+//! | [`online_hierarchy`] | §4.2.3, figure *Wyss06*; Wyss et al. 2006 |
 //! | [`receptive_fields`] | §4.2.1; Berkes & Wiskott 2005 |
 //! | [`digits`] | §4.2.2; Berkes 2005 |
 
@@ -34,6 +35,7 @@ mod lab;
 mod local;
 mod maps;
 pub mod online;
+pub mod online_hierarchy;
 mod pipeline;
 pub mod place_cells;
 mod plot;
@@ -74,6 +76,7 @@ pub const ALL: &[Experiment] = &[
     values::EXPERIMENT,
     worlds::EXPERIMENT,
     place_cells::EXPERIMENT,
+    online_hierarchy::EXPERIMENT,
     receptive_fields::EXPERIMENT,
     digits::EXPERIMENT,
 ];

@@ -52,7 +52,7 @@ const SHARE: f64 = 0.7;
 /// Threshold of the dictionary.
 const NU: f64 = 0.01;
 /// Places of the maps.
-const PLACES: Sizes<Grid> = Sizes {
+pub(super) const PLACES: Sizes<Grid> = Sizes {
     full: Grid { width: 32, height: 18 },
     quick: Grid { width: 24, height: 14 },
     smoke: Grid { width: 8, height: 5 },
@@ -64,14 +64,14 @@ const STEP: f64 = 0.01;
 
 /// How the rat moves.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-struct Motion {
+pub(super) struct Motion {
     /// Way in one frame, metres.
-    stride: f64,
+    pub stride: f64,
     /// Standard deviation of the head's turn in one frame, radians.
-    turn: f64,
+    pub turn: f64,
 }
 
-const MOTIONS: [(&str, Motion); 2] = [
+pub(super) const MOTIONS: [(&str, Motion); 2] = [
     ("slow motion, fast turns", Motion { stride: 0.05, turn: 0.5 }),
     ("fast motion, slow turns", Motion { stride: 0.30, turn: 0.05 }),
 ];
@@ -123,7 +123,7 @@ pub struct Cells {
 
 impl Cells {
     /// Summaries of features at the poses of a grid, `k × (headings · places)`.
-    fn of(features: &Mat<f64>, places: usize) -> Self {
+    pub(super) fn of(features: &Mat<f64>, places: usize) -> Self {
         let k = features.nrows();
         let (mut by_place, mut by_heading, mut field, mut sector) = (0.0, 0.0, 0.0, 0.0);
         let (mut maps, mut tuning) = (Vec::new(), Vec::new());
@@ -141,6 +141,23 @@ impl Cells {
             tuning.push(ways);
         }
         Cells { by_place, by_heading, field, sector, maps, tuning }
+    }
+
+    /// Lines of maps for a sheet.
+    pub(super) fn lines(&self, what: &str) -> Vec<Vec<Map>> {
+        let map = |(i, (values, tuning)): (usize, (&Vec<i16>, &Vec<f64>))| {
+            let best = (0..HEADINGS).max_by(|&a, &b| tuning[a].total_cmp(&tuning[b])).unwrap_or(0);
+            Map {
+                name: format!("{what} {}, most at {}°", i + 1, 360 * best / HEADINGS),
+                values: values.iter().map(|&value| Some(f64::from(value) * STEP)).collect(),
+            }
+        };
+        let mut maps = self.maps.iter().zip(&self.tuning).enumerate().map(map).collect::<Vec<_>>().into_iter();
+        let mut lines = Vec::new();
+        while maps.len() > 0 {
+            lines.push(maps.by_ref().take(LINE).collect());
+        }
+        lines
     }
 }
 
@@ -161,7 +178,7 @@ fn above_half(values: &[f64]) -> f64 {
 }
 
 /// A smooth run between the walls, and a head that turns at random.
-fn run_of(world: &World, motion: Motion, frames: usize, seed: u64) -> Vec<Pose> {
+pub(super) fn run_of(world: &World, motion: Motion, frames: usize, seed: u64) -> Vec<Pose> {
     let mut rng = stream(seed, "rat");
     let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
     let (low, high) = world.plan.walls_box();
@@ -183,7 +200,7 @@ fn run_of(world: &World, motion: Motion, frames: usize, seed: u64) -> Vec<Pose> 
 }
 
 /// What the rat sees, one observation a column.
-fn views(lab: &Lab, poses: &[Pose], bench: &Bench<'_>) -> Result<Mat<f32>, ExperimentError> {
+pub(super) fn views(lab: &Lab, poses: &[Pose], bench: &Bench<'_>) -> Result<Mat<f32>, ExperimentError> {
     let mut seen = Vec::with_capacity(poses.len());
     for (t, pose) in poses.iter().enumerate() {
         if t.is_multiple_of(500) {
@@ -253,14 +270,19 @@ fn compute(lab: &Lab, settings: &Settings, bench: &Bench<'_>) -> Result<Outcome,
     })
 }
 
-fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
+/// The lab, with the rat's eyes.
+pub(super) fn lab(seed: u64) -> Result<Lab, ExperimentError> {
+    Lab::new(seed, &[&format!("camera.field_of_view_deg={EYE_DEG}"), "vision.width=12"])
+}
+
+/// What comes of both ways of moving, for all seeds.
+pub(super) fn outcomes(bench: &Bench<'_>) -> Result<[Vec<Outcome>; 2], ExperimentError> {
     let scope = bench.scope;
     let (video, places) = (scope.pick(VIDEO), scope.pick(PLACES));
     bench.plan(scope.seeds.len() * MOTIONS.len());
-    let eye = format!("camera.field_of_view_deg={EYE_DEG}");
     let mut found: [Vec<Outcome>; 2] = Default::default();
     for &seed in scope.seeds.iter() {
-        let lab = Lab::new(seed, &[&eye, "vision.width=12"])?;
+        let lab = lab(seed)?;
         for (number, (name, motion)) in MOTIONS.into_iter().enumerate() {
             let scenario = lab.scenario.sha256();
             let settings = Settings { scenario, motion, video, places, features: FEATURES, cells: CELLS, nu: NU };
@@ -268,7 +290,13 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
                 .push(bench.result(&format!("{name}, seed {seed}"), &settings, || compute(&lab, &settings, bench))?);
         }
     }
-    let lab = Lab::new(scope.seeds[0], &[&eye, "vision.width=12"])?;
+    Ok(found)
+}
+
+fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
+    let (video, places) = (bench.scope.pick(VIDEO), bench.scope.pick(PLACES));
+    let found = outcomes(bench)?;
+    let lab = lab(bench.scope.seeds[0])?;
     Ok(Results {
         tables: vec![table(&found), slowness(&found)],
         notes: vec![
@@ -347,23 +375,8 @@ fn plots(found: &[Vec<Outcome>; 2], lab: &Lab, grid: Grid) -> Result<Vec<(String
     let aspect = (high.y - low.y) / (high.x - low.x);
     let names = ["places.svg", "headings.svg"];
     let sheet_of = |(number, outcome): (usize, &Outcome)| {
-        let lines = |what: &str, cells: &Cells| -> Vec<Vec<Map>> {
-            let map = |(i, (values, tuning)): (usize, (&Vec<i16>, &Vec<f64>))| {
-                let best = (0..HEADINGS).max_by(|&a, &b| tuning[a].total_cmp(&tuning[b])).unwrap_or(0);
-                Map {
-                    name: format!("{what} {}, most at {}°", i + 1, 360 * best / HEADINGS),
-                    values: values.iter().map(|&value| Some(f64::from(value) * STEP)).collect(),
-                }
-            };
-            let mut maps = cells.maps.iter().zip(&cells.tuning).enumerate().map(map).collect::<Vec<_>>().into_iter();
-            let mut lines = Vec::new();
-            while maps.len() > 0 {
-                lines.push(maps.by_ref().take(LINE).collect());
-            }
-            lines
-        };
-        let mut all = lines("feature", &outcome.features);
-        all.extend(lines("cell", &outcome.cells));
+        let mut all = outcome.features.lines("feature");
+        all.extend(outcome.cells.lines("cell"));
         let title = format!("{}: slow features above, components below; means over headings", MOTIONS[number].0);
         Ok((names[number].to_owned(), sheet(&title, grid, aspect, &all)?))
     };

@@ -24,6 +24,39 @@ impl Shape {
     }
 }
 
+/// Overlapping fields of an image, one for each node of a layer: width and height of a field, and the distance from one to the next.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Tiling {
+    pub field: (usize, usize),
+    pub stride: (usize, usize),
+}
+
+impl Tiling {
+    /// The image that nodes make of one of shape `input`, with `channels` outputs per node.
+    pub fn output(self, input: Shape, channels: usize) -> Result<Shape, SlowError> {
+        let count = |axis, size: usize, field: usize, stride: usize| {
+            let fits = field > 0 && stride > 0 && field <= size && (size - field).is_multiple_of(stride);
+            if fits { Ok((size - field) / stride + 1) } else { Err(SlowError::Tiling { axis, size, field, stride }) }
+        };
+        Ok(Shape {
+            width: count("width", input.width, self.field.0, self.stride.0)?,
+            height: count("height", input.height, self.field.1, self.stride.1)?,
+            channels,
+        })
+    }
+
+    /// Places of the values of the field at column `i`, row `j` of the layer, in an image of shape `input`.
+    pub fn places(self, input: Shape, i: usize, j: usize) -> Vec<usize> {
+        let (left, top) = (i * self.stride.0, j * self.stride.1);
+        let rows = top..top + self.field.1;
+        rows.flat_map(|y| {
+            let start = (y * input.width + left) * input.channels;
+            start..start + self.field.0 * input.channels
+        })
+        .collect()
+    }
+}
+
 /// What a layer shall be.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Layer {
@@ -56,28 +89,8 @@ impl Layer {
         Layer { field, stride, steps, shared }
     }
 
-    /// The image that the layer makes of one of shape `input`, with `channels` outputs per node.
-    fn output(&self, input: Shape, channels: usize) -> Result<Shape, SlowError> {
-        let count = |axis, size: usize, field: usize, stride: usize| {
-            let fits = field > 0 && stride > 0 && field <= size && (size - field).is_multiple_of(stride);
-            if fits { Ok((size - field) / stride + 1) } else { Err(SlowError::Tiling { axis, size, field, stride }) }
-        };
-        Ok(Shape {
-            width: count("width", input.width, self.field.0, self.stride.0)?,
-            height: count("height", input.height, self.field.1, self.stride.1)?,
-            channels,
-        })
-    }
-
-    /// Places of the values of the field at column `i`, row `j` of the layer, in an image of shape `input`.
-    fn places(&self, input: Shape, i: usize, j: usize) -> Vec<usize> {
-        let (left, top) = (i * self.stride.0, j * self.stride.1);
-        let rows = top..top + self.field.1;
-        rows.flat_map(|y| {
-            let start = (y * input.width + left) * input.channels;
-            start..start + self.field.0 * input.channels
-        })
-        .collect()
+    fn tiling(&self) -> Tiling {
+        Tiling { field: self.field, stride: self.stride }
     }
 }
 
@@ -110,14 +123,14 @@ impl TrainedLayer {
         x: MatRef<'_, f64>,
         links: &[Option<Link>],
     ) -> Result<TrainedLayer, SlowError> {
-        let grid = layer.output(input, 0)?;
+        let grid = layer.tiling().output(input, 0)?;
         let nodes = (0..grid.height).flat_map(|j| (0..grid.width).map(move |i| (i, j)));
         let pipelines = if layer.shared {
             let (n, size) = (x.ncols(), layer.field.0 * layer.field.1 * input.channels);
             let mut fields = Mat::zeros(size, n * grid.width * grid.height);
             let mut all_links = Vec::with_capacity(fields.ncols());
             for (place, (i, j)) in nodes.enumerate() {
-                fields.as_mut().subcols_mut(place * n, n).copy_from(rows_of(x, &layer.places(input, i, j)));
+                fields.as_mut().subcols_mut(place * n, n).copy_from(rows_of(x, &layer.tiling().places(input, i, j)));
                 // What a place shows first does not follow what the place before it showed last.
                 all_links.extend(links.iter().enumerate().map(|(t, link)| link.filter(|_| t > 0)));
             }
@@ -125,7 +138,7 @@ impl TrainedLayer {
             vec![fitted.map_err(|cause| cause.at("the shared node"))?]
         } else {
             let fit = |(i, j): (usize, usize)| {
-                Pipeline::fit(&layer.steps, rows_of(x, &layer.places(input, i, j)).as_ref(), links)
+                Pipeline::fit(&layer.steps, rows_of(x, &layer.tiling().places(input, i, j)).as_ref(), links)
                     .map_err(|cause| cause.at(format!("node ({i}, {j})")))
             };
             nodes.map(fit).collect::<Result<_, _>>()?
@@ -158,7 +171,7 @@ impl TrainedLayer {
         let channels = self.output.channels;
         let mut y = Mat::zeros(self.output.values(), x.ncols());
         for (place, node) in self.nodes().enumerate() {
-            let field = rows_of(x, &self.layer.places(self.input, node.column, node.row));
+            let field = rows_of(x, &self.layer.tiling().places(self.input, node.column, node.row));
             let said = node.pipeline.apply(field.as_ref())?;
             y.as_mut().subrows_mut(place * channels, channels).copy_from(said);
         }

@@ -38,6 +38,7 @@
 //! | a signal whose slow source is any smooth function of it | [`KernelSfa`], for up to some thousand frames |
 //! | the same, as a stream without end | [`SlowStream`], [`solve()`](solve()), [`SlowModel`] |
 //! | images, or too many channels for one expansion | [`Network`], a hierarchy of small pipelines |
+//! | the same as a stream that is not kept | [`coherence::network`]: layers that learn frame by frame |
 //! | a signal whose true state is known | [`theory`]: what its slow features must look like |
 //! | quadratic features, and the question what they respond to | [`QuadraticForm`] |
 //! | samples of classes, without any time | [`classes`] |

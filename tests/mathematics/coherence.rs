@@ -9,7 +9,8 @@ use adagio::slow::coherence::LinearMap;
 use adagio::slow::coherence::bray::{MovingMean, Options as RatioOptions, TermVariance, largest_ratio};
 use adagio::slow::coherence::gradient::{AscentOptions, Coherence, OnlineCoherence, OnlineOptions, ascend};
 use adagio::slow::coherence::incremental::{IncrementalSlow, Options as IncrementalOptions};
-use adagio::slow::{Link, SlowError, SlowFeatures, solve};
+use adagio::slow::coherence::network::{Learning, OnlineLayer, OnlineNetwork};
+use adagio::slow::{Link, Shape, SlowError, SlowFeatures, solve};
 use faer::{Mat, MatRef, Par, Side};
 use proptest::prelude::*;
 use rand::RngExt;
@@ -486,4 +487,108 @@ proptest! {
         }
         let _ = objective.maximum(&values);
     }
+}
+
+const PANORAMA: Shape = Shape { width: 12, height: 4, channels: 1 };
+const SMALL: [OnlineLayer; 2] = [
+    OnlineLayer { field: (4, 4), stride: (2, 2), reduced: 5, features: 6 },
+    OnlineLayer { field: (5, 1), stride: (1, 1), reduced: 12, features: 2 },
+];
+const LEARNING: Learning = Learning {
+    objective: Coherence { decorrelation: 0.3, mean: 0.0 },
+    learning_rate: 0.0002,
+    forgetting: 0.0005,
+    memory: 1.0,
+    settle: 25_000,
+};
+
+/// What an eye sees that turns at random in a room whose walls have only fast stripes, and whose lamp flickers: frames, and the headings.
+fn turning(n: usize, seed: u64) -> (Mat<f64>, Vec<f64>) {
+    let mut rng = generator(seed);
+    let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
+    let headings: Vec<f64> = (0..n)
+        .scan(0.0, |heading, _| {
+            *heading += 0.1 * normal();
+            Some(*heading)
+        })
+        .collect();
+    let lamp: Vec<f64> = (0..n).map(|_| normal()).collect();
+    let stripes = |place: usize, heading: f64| {
+        let (column, row) = (place % 12, (place / 12) as f64);
+        let angle = heading + TAU * column as f64 / 36.0;
+        (2.0 * angle + row).sin() + (3.0 * angle - 2.0 * row).cos()
+    };
+    (Mat::from_fn(48, n, |place, t| stripes(place, headings[t]) + 0.5 * lamp[t]), headings)
+}
+
+#[test]
+fn a_hierarchy_that_learns_frame_by_frame_comes_to_the_slowest_functions_of_the_heading() {
+    let (n, link) = (60_000, Some(Link { dt: 1.0, weight: 1.0 }));
+    let (x, _) = turning(n, 5);
+    let mut network = OnlineNetwork::new(PANORAMA, &SMALL, LEARNING, &mut generator(6)).unwrap();
+    for t in 0..n {
+        let frame: Vec<f64> = x.col(t).iter().copied().collect();
+        let top = network.update(&frame, link.filter(|_| t > 0)).unwrap();
+        // The upper layer waits for the lower one.
+        assert!(t >= LEARNING.settle || top == [0.0; 2], "frame {t}: {top:?}");
+    }
+    let (new, headings) = turning(10_000, 7);
+    let said = network.apply(new.as_ref()).unwrap();
+    assert_eq!(said.iter().map(Mat::nrows).collect::<Vec<_>>(), [30, 2]);
+    // Theory: the slowest functions of an angle are its sine and cosine, of slowness 0.1² at unit variance. Neither is in any pixel: they are
+    // products of stripes of 2 and 3 periods.
+    let slowest = Mat::from_fn(2, headings.len(), |i, t| (headings[t] + i as f64 * TAU / 4.0).sin());
+    let angle = principal_angle(&said[1], &slowest).to_degrees();
+    let of_pixels = principal_angle(&new, &slowest).to_degrees();
+    println!("hierarchy online: {angle:.1}° from sine and cosine; the pixels' span {of_pixels:.1}°");
+    assert!(of_pixels > 80.0 && angle < 40.0);
+    let y = row(&said[1], 0);
+    let mean = y.iter().sum::<f64>() / y.len() as f64;
+    let variance = y.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / y.len() as f64;
+    // Estimates reach back 2000 frames, 20 times as long as the heading takes to change, and here are 100 times: within three standard errors.
+    assert!((variance - 1.0).abs() < 3.0 * (2.0f64 / 20.0 + 2.0 / 100.0).sqrt(), "the variance is {variance}");
+}
+
+#[test]
+fn memories_of_a_hierarchy_are_leaky_means_that_end_at_a_gap() {
+    let (x, _) = turning(3000, 8);
+    let learning = Learning { memory: 4.0, ..LEARNING };
+    let mut network = OnlineNetwork::new(PANORAMA, &SMALL[..1], learning, &mut generator(9)).unwrap();
+    let mut before: Option<Vec<f64>> = None;
+    for t in 0..x.ncols() {
+        let frame: Vec<f64> = x.col(t).iter().copied().collect();
+        let link = Some(Link { dt: 1.0, weight: 1.0 }).filter(|_| !t.is_multiple_of(100));
+        let said = network.update(&frame, link).unwrap();
+        let now = network.apply(x.subcols(t, 1)).unwrap()[0].col(0).iter().copied().collect::<Vec<f64>>();
+        let inside = |values: &[f64]| values.iter().all(|value| value.abs() < 4.0);
+        for (i, value) in said.iter().enumerate() {
+            let expected = match before.as_ref().filter(|_| link.is_some()) {
+                Some(before) => before[i] + (now[i] - before[i]) / 4.0,
+                None => now[i],
+            };
+            // Where something was clipped, more is remembered than is told.
+            let clipped = [Some(&now), before.as_ref()].into_iter().flatten().any(|values| !inside(values));
+            assert!(clipped || (value - expected).abs() < 1e-9, "frame {t}, output {i}: {value} is not {expected}");
+        }
+        before = Some(said);
+    }
+}
+
+#[test]
+fn a_hierarchy_refuses_what_does_not_fit() {
+    let new = |layers: &[OnlineLayer], learning| OnlineNetwork::new(PANORAMA, layers, learning, &mut generator(1));
+    let text = |layers: &[OnlineLayer], learning| new(layers, learning).unwrap_err().to_string();
+    assert!(text(&[], LEARNING).contains("layers"));
+    let wide = OnlineLayer { field: (4, 4), stride: (3, 2), ..SMALL[0] };
+    assert!(text(&[wide], LEARNING).contains("layer 1"), "{}", text(&[wide], LEARNING));
+    assert!(text(&[OnlineLayer { reduced: 17, ..SMALL[0] }], LEARNING).contains("17"));
+    assert!(text(&[OnlineLayer { features: 0, ..SMALL[0] }], LEARNING).contains("0 features of 20 inputs"));
+    assert!(text(&SMALL, Learning { memory: 0.5, ..LEARNING }).contains("memory"));
+    let mut network = new(&SMALL, LEARNING).unwrap();
+    assert!(network.update(&[0.0; 47], None).unwrap_err().to_string().contains("47"));
+    let mut bad = vec![0.0; 48];
+    bad[3] = f64::NAN;
+    assert!(network.update(&bad, None).unwrap_err().to_string().contains("NaN"));
+    assert!(network.apply(Mat::zeros(47, 1).as_ref()).is_err());
+    assert_eq!(network.frames(), 0);
 }

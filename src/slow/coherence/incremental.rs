@@ -30,9 +30,10 @@ use crate::slow::links::{Link, check_link};
 #[cfg(feature = "snapshot")]
 use crate::snapshot::{Persist, Snapshot, SnapshotError};
 
-/// Amnesic averages: frames of plain averaging, end of the first rise, its height, frames per unit after that (Weng 2003,
+/// Amnesic averages: frames of plain averaging, end of the first rise, its height; frames per unit after that (Weng 2003,
 /// as used by Kompella et al.).
-const AMNESIC: (f64, f64, f64, f64) = (20.0, 200.0, 3.0, 2000.0);
+const AMNESIC: (f64, f64, f64) = (20.0, 200.0, 3.0);
+const REACH: f64 = 2000.0;
 
 /// `η(1 + ‖ż‖²)` stays below this, so that no single frame turns a direction round.
 const LONGEST_STEP: f64 = 0.5;
@@ -95,8 +96,7 @@ impl Options {
 #[derive(Debug, Clone)]
 pub struct IncrementalSlow {
     options: Options,
-    mean: Vec<f64>,
-    whitening: PrincipalComponents,
+    whitening: Whitening,
     /// Largest principal component of `ż`.
     fastest: PrincipalComponents,
     /// Unit vectors `w_i`, `p × k`.
@@ -104,7 +104,6 @@ pub struct IncrementalSlow {
     before: Option<Vec<f64>>,
     /// Mean of `(ż·w_i)²`, `k`.
     slowness: Vec<f64>,
-    frames: usize,
     derivatives: usize,
 }
 
@@ -134,20 +133,18 @@ impl IncrementalSlow {
         minor.col_iter_mut().for_each(|column| normalise(column.iter_mut()));
         Ok(IncrementalSlow {
             options,
-            mean: vec![0.0; inputs],
-            whitening: PrincipalComponents::new(inputs, whitened),
+            whitening: Whitening::new(inputs, whitened, smallest_variance, REACH),
             fastest: PrincipalComponents::new(whitened, 1),
             minor,
             before: None,
             slowness: vec![0.0; features],
-            frames: 0,
             derivatives: 0,
         })
     }
 
     /// Number of frames seen.
     pub fn frames(&self) -> usize {
-        self.frames
+        self.whitening.frames
     }
 
     /// Slowness of each feature, the mean square of its derivative, `k`: an amnesic average over about the last 2000
@@ -161,22 +158,12 @@ impl IncrementalSlow {
     /// # Errors
     /// Another number of inputs; values that are not finite or too large to be squared. Nothing is changed then.
     pub fn update(&mut self, x: &[f64], link: Option<Link>) -> Result<(), CoherenceError> {
-        CoherenceError::unless_fits("the number of inputs", x.len(), self.mean.len())?;
-        check_frame(self.frames, x.iter().copied())?;
-        check_link(self.frames, link)?;
-        // The fourth power of an input must be finite, since products of squares are formed.
-        if let Some((row, &value)) = x.iter().enumerate().find(|(_, value)| value.abs() > 1e70) {
-            return Err(CoherenceError::NotFinite { row, frame: self.frames, value });
-        }
-        self.frames += 1;
-        let share = amnesic_share(self.frames);
-        for (mean, value) in self.mean.iter_mut().zip(x) {
-            *mean += share * (value - *mean);
-        }
-        self.whitening.update(self.centred(x), share);
+        self.whitening.check(x)?;
+        check_link(self.frames(), link)?;
+        self.whitening.update(x);
         if let (Some(link), Some(before)) = (link, self.before.replace(x.to_vec())) {
             let scale = link.weight.sqrt() / link.dt;
-            let (now, before) = (self.white(x), self.white(&before));
+            let (now, before) = (self.whitening.apply(x), self.whitening.apply(&before));
             let rate: Vec<f64> = now.iter().zip(&before).map(|(now, before)| (now - before) * scale).collect();
             if rate.iter().all(|value| value.abs() < 1e70) {
                 self.turn(rate);
@@ -187,8 +174,9 @@ impl IncrementalSlow {
 
     /// The features as one linear map of the inputs, `d × k`; unit variance as far as the whitening has converged.
     pub fn map(&self) -> LinearMap {
-        let directions = self.whitening.white_directions(self.options.smallest_variance);
-        LinearMap::centred(directions * &self.minor, MatRef::from_column_major_slice(&self.mean, self.mean.len(), 1))
+        let Whitening { mean, components, smallest_variance, .. } = &self.whitening;
+        let directions = components.white_directions(*smallest_variance);
+        LinearMap::centred(directions * &self.minor, MatRef::from_column_major_slice(mean, mean.len(), 1))
     }
 
     /// The features of one frame.
@@ -196,22 +184,14 @@ impl IncrementalSlow {
     /// # Errors
     /// Another number of inputs.
     pub fn features(&self, x: &[f64]) -> Result<Vec<f64>, CoherenceError> {
-        CoherenceError::unless_fits("the number of inputs", x.len(), self.mean.len())?;
-        Ok(project(&self.minor, &self.white(x)))
-    }
-
-    fn centred(&self, x: &[f64]) -> Vec<f64> {
-        x.iter().zip(&self.mean).map(|(value, mean)| value - mean).collect()
-    }
-
-    fn white(&self, x: &[f64]) -> Vec<f64> {
-        self.whitening.white(&self.centred(x), self.options.smallest_variance)
+        CoherenceError::unless_fits("the number of inputs", x.len(), self.whitening.mean.len())?;
+        Ok(project(&self.minor, &self.whitening.apply(x)))
     }
 
     /// Turn the minor components by one derivative.
     fn turn(&mut self, mut rate: Vec<f64>) {
         self.derivatives += 1;
-        let share = amnesic_share(self.derivatives);
+        let share = amnesic_share(self.derivatives, REACH);
         self.fastest.update(rate.clone(), share);
         let largest = self.fastest.variance(0);
         if largest <= 0.0 {
@@ -247,20 +227,68 @@ impl IncrementalSlow {
 #[cfg(feature = "snapshot")]
 impl Persist for IncrementalSlow {
     fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
-        let sizes = |of: &Self| [of.mean.len(), of.minor.nrows(), of.minor.ncols(), of.slowness.len()];
+        let sizes = |of: &Self| [of.whitening.mean.len(), of.minor.nrows(), of.minor.ncols(), of.slowness.len()];
         let expected = sizes(self);
-        snapshot.numbers("mean", &mut self.mean)?;
-        snapshot.inner("whitening", &mut self.whitening)?;
+        snapshot.numbers("mean", &mut self.whitening.mean)?;
+        snapshot.inner("whitening", &mut self.whitening.components)?;
         snapshot.inner("fastest", &mut self.fastest)?;
         snapshot.matrix("minor", &mut self.minor, |rows, columns| (rows, columns))?;
         let mut before = self.before.take().unwrap_or_default();
         snapshot.numbers("before", &mut before)?;
         snapshot.numbers("slowness", &mut self.slowness)?;
-        snapshot.value("frames", &mut self.frames)?;
+        snapshot.value("frames", &mut self.whitening.frames)?;
         snapshot.value("derivatives", &mut self.derivatives)?;
-        self.before = (self.frames > 0).then_some(before);
+        self.before = (self.frames() > 0).then_some(before);
         let fits = sizes(self) == expected && self.before.as_ref().is_none_or(|before| before.len() == expected[0]);
         snapshot.check("minor", fits, "the sizes do not fit each other")
+    }
+}
+
+/// Inputs of a stream about their running mean, on principal components that follow it, in units of these components' deviations.
+#[derive(Debug, Clone)]
+pub(super) struct Whitening {
+    mean: Vec<f64>,
+    components: PrincipalComponents,
+    smallest_variance: f64,
+    /// Frames that averages reach back in the end, about.
+    reach: f64,
+    frames: usize,
+}
+
+impl Whitening {
+    /// `p` components of `d` inputs; components whose variance is below a share of the largest are 0.
+    pub(super) fn new(d: usize, p: usize, smallest_variance: f64, reach: f64) -> Self {
+        let components = PrincipalComponents::new(d, p);
+        Whitening { mean: vec![0.0; d], components, smallest_variance, reach, frames: 0 }
+    }
+
+    /// Refuse inputs of another number, not finite, or whose fourth power is not, since products of squares are formed.
+    pub(super) fn check(&self, x: &[f64]) -> Result<(), CoherenceError> {
+        CoherenceError::unless_fits("the number of inputs", x.len(), self.mean.len())?;
+        check_frame(self.frames, x.iter().copied())?;
+        match x.iter().enumerate().find(|(_, value)| value.abs() > 1e70) {
+            Some((row, &value)) => Err(CoherenceError::NotFinite { row, frame: self.frames, value }),
+            None => Ok(()),
+        }
+    }
+
+    /// Follow inputs that were checked.
+    pub(super) fn update(&mut self, x: &[f64]) {
+        self.frames += 1;
+        let share = amnesic_share(self.frames, self.reach);
+        for (mean, value) in self.mean.iter_mut().zip(x) {
+            *mean += share * (value - *mean);
+        }
+        self.components.update(self.centred(x), share);
+    }
+
+    /// White coordinates, `p`.
+    pub(super) fn apply(&self, x: &[f64]) -> Vec<f64> {
+        self.components.white(&self.centred(x), self.smallest_variance)
+    }
+
+    fn centred(&self, x: &[f64]) -> Vec<f64> {
+        x.iter().zip(&self.mean).map(|(value, mean)| value - mean).collect()
     }
 }
 
@@ -345,9 +373,9 @@ impl PrincipalComponents {
     }
 }
 
-/// `(1 + μ(t))/t`, the share of frame `t` (from 1) in an amnesic average.
-fn amnesic_share(t: usize) -> f64 {
-    let (t1, t2, c, r) = AMNESIC;
+/// `(1 + μ(t))/t`, the share of frame `t` (from 1) in an amnesic average, which grows by `1/r` per frame in the end.
+fn amnesic_share(t: usize, r: f64) -> f64 {
+    let (t1, t2, c) = AMNESIC;
     let t = t as f64;
     let amnesia = if t < t1 {
         0.0

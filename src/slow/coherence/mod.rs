@@ -8,6 +8,7 @@
 //! | [`crate::slow::solve`] | min `⟨φ̇²⟩` with unit variance | eigenvalues | exactly |
 //! | [`bray`] | max long-term / short-term variance | eigenvalues | in these variances |
 //! | [`gradient`] | max `F`, a weighted sum of penalties | gradient ascent, batch or online | softly |
+//! | [`network`] | that of `gradient`, layer upon layer | the same, online | softly |
 //! | [`incremental`] | min `⟨φ̇²⟩` with unit variance | incremental principal and minor components | in the limit |
 //!
 //! Symbols: inputs `x` (`d` values), `n` frames, `k` features, weights `W` (`d × k`), offset `c` (`k`),
@@ -19,6 +20,7 @@
 pub mod bray;
 pub mod gradient;
 pub mod incremental;
+pub mod network;
 
 use faer::{Mat, MatRef, Par};
 use thiserror::Error;
