@@ -14,9 +14,16 @@ const EXPERIMENTS: &str = "experiments";
 /// Name of the folder of finished settings beside the results.
 const CACHE: &str = "cache";
 
-/// Do an experiment, or list them.
+/// Name that stands for all of them, and what they make together.
+const ALL: &str = "all";
+const PAGE: &str = "experiments.md";
+
+/// Do an experiment, or all, or list them.
 pub fn experiment(args: &ExperimentArgs, stop: &AtomicBool) -> Result<(), Ending> {
     let Some(name) = &args.name else { return list(args.json) };
+    if name == ALL {
+        return all(args, stop);
+    }
     let (experiment, scope, out) = order(name, args)?;
     if !args.quiet {
         eprintln!(
@@ -31,6 +38,59 @@ pub fn experiment(args: &ExperimentArgs, stop: &AtomicBool) -> Result<(), Ending
         Err(error @ (ExperimentError::Exists(_) | ExperimentError::Data { .. })) => Err(Ending::usage(error)),
         Err(error) => Err(error.into()),
     }
+}
+
+/// Do all experiments, each into a folder of its own, and put their tables on one page. Those whose data are not there are left out.
+fn all(args: &ExperimentArgs, stop: &AtomicBool) -> Result<(), Ending> {
+    if args.world.is_some() {
+        return Err(Ending::usage("--world: all experiments have all of their worlds"));
+    }
+    let out = args.out.clone().unwrap_or_else(|| next(&Path::new(EXPERIMENTS).join(ALL)));
+    if out.exists() {
+        return Err(Ending::usage(ExperimentError::Exists(out)));
+    }
+    let orders = experiment::ALL.iter().map(|experiment| {
+        let data = if takes_data(experiment.name) { args.data.clone() } else { Vec::new() };
+        let cache = args.cache.as_ref().map(|folder| folder.join(experiment.name));
+        order(experiment.name, &ExperimentArgs { data, cache, out: Some(out.join(experiment.name)), ..args.clone() })
+    });
+    let orders: Vec<_> = orders.collect::<Result<_, _>>()?;
+    if !args.quiet {
+        eprintln!("on two cores, for each of {} seeds:", args.seeds.len());
+        orders.iter().for_each(|(of, scope, _)| eprintln!("  {}: {}", of.name, scope.pick(of.lasts)));
+        eprintln!("after Ctrl-C the same command goes on from what is kept");
+    }
+    let (mut values, mut left_out, mut page) = (Vec::new(), Vec::new(), "# Experiments\n".to_owned());
+    for (number, (experiment, scope, out)) in orders.iter().enumerate() {
+        if !args.quiet {
+            eprintln!("{} ({} of {})", experiment.name, number + 1, orders.len());
+        }
+        match experiment::run(experiment, scope, out, stop) {
+            Ok((value, _)) => values.push(value),
+            Err(error @ ExperimentError::Data { .. }) => {
+                left_out.push(format!("{} is left out: {error}", experiment.name));
+                continue;
+            }
+            Err(error) => return Err(error.into()),
+        }
+        let table = std::fs::read_to_string(out.join("table.md")).map_err(|error| error.to_string())?;
+        // A heading below that of the page, and plots where they are.
+        page += &format!("\n#{}", table.replace(".svg](", &format!(".svg]({}/", experiment.name)));
+    }
+    std::fs::create_dir_all(&out)
+        .and_then(|()| std::fs::write(out.join(PAGE), &page))
+        .map_err(|error| error.to_string())?;
+    if args.json {
+        print_json(&values)?;
+    } else {
+        print(&format!("{page}\nkept in {}\n", out.display()))?;
+    }
+    if left_out.is_empty() { Ok(()) } else { Err(Ending::usage(left_out.join("\n"))) }
+}
+
+/// Whether an experiment reads data of others.
+fn takes_data(name: &str) -> bool {
+    ["digits", "receptive-fields"].contains(&name)
 }
 
 /// What is to be done, and the folder for the results.
@@ -50,7 +110,7 @@ pub fn order(name: &str, args: &ExperimentArgs) -> Result<(&'static Experiment, 
             return Err(Ending::usage(format!("there is no world {world:?}; there are {}", known.join(", "))));
         }
     }
-    if !args.data.is_empty() && !["digits", "receptive-fields"].contains(&name) {
+    if !args.data.is_empty() && !takes_data(name) {
         return Err(Ending::usage(format!(
             "--data: the experiment {name} takes no data of others; digits and receptive-fields do"
         )));

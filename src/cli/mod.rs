@@ -526,9 +526,9 @@ pub struct ExportArgs {
 }
 
 /// Arguments of `adagio experiment`.
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 pub struct ExperimentArgs {
-    /// Which one [default: list them].
+    /// Which one, or all [default: list them].
     pub name: Option<String>,
     /// A coarse version, in minutes.
     #[arg(long)]

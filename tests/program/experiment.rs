@@ -66,18 +66,16 @@ fn experiments_are_listed_and_an_unknown_one_is_refused() {
 #[test]
 fn every_experiment_leaves_tables_and_plots_of_what_it_kept() {
     let folder = tempfile::tempdir().unwrap();
-    for name in names() {
-        // Some read what a package of others ships.
-        let data = match ["digits", "receptive-fields"].contains(&name.as_str()) {
-            false => None,
-            true => match python("data_folder.py", &[]) {
-                None => continue,
-                found => found,
-            },
-        };
-        let data: Vec<&str> = data.iter().flat_map(|folder| ["--data", folder.trim()]).collect();
+    // Some read what a package of others ships.
+    let packages = python("data_folder.py", &[]);
+    let packages: Vec<&str> = packages.iter().flat_map(|folder| ["--data", folder.trim()]).collect();
+    let (reading, others): (Vec<String>, Vec<String>) =
+        names().into_iter().partition(|name| ["digits", "receptive-fields"].contains(&name.as_str()));
+    let done = if packages.is_empty() { others } else { names() };
+    for name in &done {
+        let data = if reading.contains(name) { &packages[..] } else { &[] };
         let results = format!("{name}-results");
-        let output = smoke(folder.path(), &name, &[&["--out", &results, "--json"], &data[..]].concat());
+        let output = smoke(folder.path(), name, &[&["--out", &results, "--json"], data].concat());
         assert!(output.status.success(), "{name}: {}", stderr(&output));
         let out = folder.path().join(format!("{name}-results"));
         let result = json(&out.join("result.json"));
@@ -106,11 +104,11 @@ fn every_experiment_leaves_tables_and_plots_of_what_it_kept() {
         }
 
         // The settings that it names are in the cache, and what was kept once is not computed again.
-        let cache = folder.path().join("experiments").join(&name).join("cache");
+        let cache = folder.path().join("experiments").join(name).join("cache");
         let kept: BTreeSet<PathBuf> =
             result["cache"].as_array().unwrap().iter().map(|file| cache.join(file.as_str().unwrap())).collect();
         assert_eq!(kept, files(&cache), "{name}");
-        let again = smoke(folder.path(), &name, &[&["--json"], &data[..]].concat());
+        let again = smoke(folder.path(), name, &[&["--json"], data].concat());
         assert!(again.status.success(), "{name}: {}", stderr(&again));
         assert_eq!(stderr(&again).matches("(kept").count(), kept.len(), "{name}: {}", stderr(&again));
         assert_eq!(
@@ -119,6 +117,18 @@ fn every_experiment_leaves_tables_and_plots_of_what_it_kept() {
         );
         assert_eq!(kept, files(&cache), "{name}");
     }
+
+    // All together, from what is kept: one page with the tables of all, and their plots.
+    let all = smoke(folder.path(), "all", &packages);
+    assert_eq!(all.status.code(), Some(if packages.is_empty() { 2 } else { 0 }), "{}", stderr(&all));
+    assert_eq!(stderr(&all).matches("is left out").count(), names().len() - done.len(), "{}", stderr(&all));
+    let out = folder.path().join("experiments/all/001");
+    let page = std::fs::read_to_string(out.join("experiments.md")).unwrap();
+    assert!(done.iter().all(|name| page.contains(&format!("\n## {name}\n"))), "{page}");
+    let plots: Vec<&str> = page.lines().filter_map(|line| line.split_once(".svg](")?.1.strip_suffix(')')).collect();
+    assert!(plots.len() >= done.len() && plots.iter().all(|plot| out.join(plot).is_file()), "{plots:?}");
+    let again = smoke(folder.path(), "all", &["--world", "lab"]);
+    assert_eq!(again.status.code(), Some(2), "{}", stderr(&again));
 }
 
 #[test]

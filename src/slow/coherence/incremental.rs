@@ -30,9 +30,9 @@ use crate::slow::links::{Link, check_link};
 #[cfg(feature = "snapshot")]
 use crate::snapshot::{Persist, Snapshot, SnapshotError};
 
-/// Amnesic averages: frames of plain averaging, end of the first rise, its height; frames per unit after that (Weng 2003,
-/// as used by Kompella et al.).
+/// Amnesic averages: frames of plain averaging, end of the first rise, its height (Weng 2003, as used by Kompella et al.).
 const AMNESIC: (f64, f64, f64) = (20.0, 200.0, 3.0);
+/// Frames per unit after that rise (the same).
 const REACH: f64 = 2000.0;
 
 /// `η(1 + ‖ż‖²)` stays below this, so that no single frame turns a direction round.
@@ -158,7 +158,8 @@ impl IncrementalSlow {
     /// # Errors
     /// Another number of inputs; values that are not finite or too large to be squared. Nothing is changed then.
     pub fn update(&mut self, x: &[f64], link: Option<Link>) -> Result<(), CoherenceError> {
-        self.whitening.check(x)?;
+        CoherenceError::unless_fits("the number of inputs", x.len(), self.whitening.mean.len())?;
+        check_squares(self.frames(), x)?;
         check_link(self.frames(), link)?;
         self.whitening.update(x);
         if let (Some(link), Some(before)) = (link, self.before.replace(x.to_vec())) {
@@ -244,6 +245,15 @@ impl Persist for IncrementalSlow {
     }
 }
 
+/// Refuse a frame with values that are not finite, or whose fourth powers are not, since products of squares are formed.
+pub(super) fn check_squares(frame: usize, x: &[f64]) -> Result<(), CoherenceError> {
+    check_frame(frame, x.iter().copied())?;
+    match x.iter().enumerate().find(|(_, value)| value.abs() > 1e70) {
+        Some((row, &value)) => Err(CoherenceError::NotFinite { row, frame, value }),
+        None => Ok(()),
+    }
+}
+
 /// Inputs of a stream about their running mean, on principal components that follow it, in units of these components' deviations.
 #[derive(Debug, Clone)]
 pub(super) struct Whitening {
@@ -260,16 +270,6 @@ impl Whitening {
     pub(super) fn new(d: usize, p: usize, smallest_variance: f64, reach: f64) -> Self {
         let components = PrincipalComponents::new(d, p);
         Whitening { mean: vec![0.0; d], components, smallest_variance, reach, frames: 0 }
-    }
-
-    /// Refuse inputs of another number, not finite, or whose fourth power is not, since products of squares are formed.
-    pub(super) fn check(&self, x: &[f64]) -> Result<(), CoherenceError> {
-        CoherenceError::unless_fits("the number of inputs", x.len(), self.mean.len())?;
-        check_frame(self.frames, x.iter().copied())?;
-        match x.iter().enumerate().find(|(_, value)| value.abs() > 1e70) {
-            Some((row, &value)) => Err(CoherenceError::NotFinite { row, frame: self.frames, value }),
-            None => Ok(()),
-        }
     }
 
     /// Follow inputs that were checked.

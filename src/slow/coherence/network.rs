@@ -12,8 +12,8 @@
 //! maxima, between which features turn for ever, and a layer that learned meanwhile would run after them.
 //!
 //! Where this departs from Wyss et al.: their nodes have another nonlinearity, and no white components, of which all monomials vary about as
-//! much as each other. And each node counts time in units in which its white components change by their deviation: derivatives of slow
-//! sources are so small otherwise that all of the objective is correlation.
+//! much as each other. And each node counts time in units in which its features change by their deviation: derivatives of slow sources are
+//! so small otherwise that all of the objective is correlation.
 //!
 //! # Reference
 //! Wyss, König & Verschure, PLoS Biol. 4 (2006); thesis §4.2.3.
@@ -21,8 +21,8 @@
 use faer::{Mat, MatRef};
 
 use super::gradient::{Coherence, OnlineCoherence, OnlineOptions};
-use super::incremental::Whitening;
-use super::{CoherenceError, check_features, check_frame};
+use super::incremental::{Whitening, check_squares};
+use super::{CoherenceError, check_features};
 use crate::slow::error::SlowError;
 use crate::slow::hierarchy::Tiling;
 use crate::slow::links::{Link, check_link};
@@ -32,7 +32,6 @@ use crate::slow::{Expansion, Shape};
 const CLIP: f64 = 4.0;
 /// Components whose variance is below this share of the largest are rounding or noise.
 const SMALLEST_VARIANCE: f64 = 1e-2;
-
 /// Principal components look back this many times as far as the objective's estimates: what is white must not wander while features are found.
 const REACH: f64 = 10.0;
 
@@ -180,12 +179,12 @@ impl OnlineNetwork {
     /// top layer says: 0 until it is its turn.
     ///
     /// # Errors
-    /// Another number of values, values that are not finite: nothing is changed then. Weights that run away: the network is lost.
+    /// Another number of values; values that are not finite or too large to be squared: nothing is changed then. Weights that run away: the
+    /// network is lost.
     pub fn update(&mut self, frame: &[f64], link: Option<Link>) -> Result<Vec<f64>, CoherenceError> {
         CoherenceError::unless_fits("the number of inputs", frame.len(), self.shape.values())?;
-        check_frame(self.frames, frame.iter().copied())?;
+        check_squares(self.frames, frame)?;
         check_link(self.frames, link)?;
-        self.layers[0].nodes.iter().try_for_each(|node| node.reduced.check(&at(frame, &node.places)))?;
         self.frames += 1;
         let mut image = frame.to_vec();
         let turn = ((self.frames - 1) / self.learning.settle.max(1)).min(self.layers.len() - 1);
