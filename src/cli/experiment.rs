@@ -56,7 +56,8 @@ fn all(args: &ExperimentArgs, stop: &AtomicBool) -> Result<(), Ending> {
     });
     let orders: Vec<_> = orders.collect::<Result<_, _>>()?;
     if !args.quiet {
-        eprintln!("on two cores, for each of {} seeds:", args.seeds.len());
+        let seeds = args.seeds.len();
+        eprintln!("on two cores{}:", if seeds > 1 { format!(", for each of {seeds} seeds") } else { String::new() });
         orders.iter().for_each(|(of, scope, _)| eprintln!("  {}: {}", of.name, scope.pick(of.lasts)));
         eprintln!("after Ctrl-C the same command goes on from what is kept");
     }
