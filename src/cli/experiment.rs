@@ -1,5 +1,6 @@
 //! `adagio experiment [NAME]`
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
@@ -14,9 +15,8 @@ const EXPERIMENTS: &str = "experiments";
 /// Name of the folder of finished settings beside the results.
 const CACHE: &str = "cache";
 
-/// Name that stands for all of them, and what they make together.
+/// Name that stands for all of them.
 const ALL: &str = "all";
-const PAGE: &str = "experiments.md";
 
 /// Do an experiment, or all, or list them.
 pub fn experiment(args: &ExperimentArgs, stop: &AtomicBool) -> Result<(), Ending> {
@@ -40,7 +40,7 @@ pub fn experiment(args: &ExperimentArgs, stop: &AtomicBool) -> Result<(), Ending
     }
 }
 
-/// Do all experiments, each into a folder of its own, and put their tables on one page. Those whose data are not there are left out.
+/// Do all experiments, and put their tables on one page. Those whose data are not there are left out.
 fn all(args: &ExperimentArgs, stop: &AtomicBool) -> Result<(), Ending> {
     if args.world.is_some() {
         return Err(Ending::usage("--world: all experiments have all of their worlds"));
@@ -49,44 +49,49 @@ fn all(args: &ExperimentArgs, stop: &AtomicBool) -> Result<(), Ending> {
     if out.exists() {
         return Err(Ending::usage(ExperimentError::Exists(out)));
     }
+    // It is whole or not there: what is stopped goes on from the settings that are kept.
+    let part = experiment::part_of(&out);
     let orders = experiment::ALL.iter().map(|experiment| {
         let data = if takes_data(experiment.name) { args.data.clone() } else { Vec::new() };
         let cache = args.cache.as_ref().map(|folder| folder.join(experiment.name));
-        order(experiment.name, &ExperimentArgs { data, cache, out: Some(out.join(experiment.name)), ..args.clone() })
+        order(experiment.name, &ExperimentArgs { data, cache, out: Some(part.join(experiment.name)), ..args.clone() })
     });
-    let orders: Vec<_> = orders.collect::<Result<_, _>>()?;
+    let mut orders: Vec<_> = orders.collect::<Result<_, _>>()?;
     if !args.quiet {
         let seeds = args.seeds.len();
         eprintln!("on two cores{}:", if seeds > 1 { format!(", for each of {seeds} seeds") } else { String::new() });
         orders.iter().for_each(|(of, scope, _)| eprintln!("  {}: {}", of.name, scope.pick(of.lasts)));
         eprintln!("after Ctrl-C the same command goes on from what is kept");
     }
-    let (mut values, mut left_out, mut page) = (Vec::new(), Vec::new(), "# Experiments\n".to_owned());
+    // Data that are not there are told at the beginning, and not after hours.
+    orders.sort_by_key(|(experiment, ..)| !takes_data(experiment.name));
+    let mut left_out = Vec::new();
+    let mut values = BTreeMap::new();
     for (number, (experiment, scope, out)) in orders.iter().enumerate() {
         if !args.quiet {
             eprintln!("{} ({} of {})", experiment.name, number + 1, orders.len());
         }
         match experiment::run(experiment, scope, out, stop) {
-            Ok((value, _)) => values.push(value),
+            Ok((value, _)) => drop(values.insert(experiment.name, value)),
             Err(error @ ExperimentError::Data { .. }) => {
-                left_out.push(format!("{} is left out: {error}", experiment.name));
-                continue;
+                eprintln!("{} is left out: {error}", experiment.name);
+                left_out.push(experiment.name);
             }
-            Err(error) => return Err(error.into()),
+            Err(error) => {
+                let _ = std::fs::remove_dir_all(&part);
+                return Err(error.into());
+            }
         }
-        let table = std::fs::read_to_string(out.join("table.md")).map_err(|error| error.to_string())?;
-        // A heading below that of the page, and plots where they are.
-        page += &format!("\n#{}", table.replace(".svg](", &format!(".svg]({}/", experiment.name)));
     }
-    std::fs::create_dir_all(&out)
-        .and_then(|()| std::fs::write(out.join(PAGE), &page))
-        .map_err(|error| error.to_string())?;
+    let done: Vec<&str> = experiment::ALL.iter().map(|of| of.name).filter(|name| values.contains_key(name)).collect();
+    let page = experiment::page(&part, &done)?;
+    std::fs::rename(&part, &out).map_err(|cause| format!("cannot create the folder {}: {cause}", out.display()))?;
     if args.json {
-        print_json(&values)?;
+        print_json(&done.iter().map(|name| &values[name]).collect::<Vec<_>>())?;
     } else {
         print(&format!("{page}\nkept in {}\n", out.display()))?;
     }
-    if left_out.is_empty() { Ok(()) } else { Err(Ending::usage(left_out.join("\n"))) }
+    if left_out.is_empty() { Ok(()) } else { Err(Ending::usage(format!("left out: {}", left_out.join(", ")))) }
 }
 
 /// Whether an experiment reads data of others.

@@ -231,6 +231,9 @@ impl<T> Once<T> {
     }
 }
 
+/// Tables, notes and plots of an experiment.
+const TABLE: &str = "table.md";
+
 /// Do an experiment only for the settings that it keeps, so that [`run`] with these seeds and others finds them.
 ///
 /// # Errors
@@ -292,6 +295,30 @@ fn text(results: &Results) -> String {
     parts.join("\n")
 }
 
+/// Where the files of a folder are written before it is there.
+pub fn part_of(out: &Path) -> PathBuf {
+    let mut name = out.as_os_str().to_owned();
+    name.push(format!(".{}.part", std::process::id()));
+    PathBuf::from(name)
+}
+
+/// Put the tables of experiments that were done into a folder, each under its name, on one page there, `experiments.md`.
+///
+/// # Errors
+/// Files.
+pub fn page(folder: &Path, done: &[&str]) -> Result<String, ExperimentError> {
+    let mut page = "# Experiments\n".to_owned();
+    for name in done {
+        let path = folder.join(name).join(TABLE);
+        let table = std::fs::read_to_string(&path).map_err(ExperimentError::file("read", &path))?;
+        // A heading below that of the page, and plots where they are.
+        page += &format!("\n#{}", table.replace(".svg](", &format!(".svg]({name}/")));
+    }
+    let path = folder.join("experiments.md");
+    std::fs::write(&path, &page).map_err(ExperimentError::file("write", &path))?;
+    Ok(page)
+}
+
 /// All files of the results. They are written beside the folder first: it is whole or not there.
 fn write(
     out: &Path,
@@ -303,9 +330,7 @@ fn write(
     if let Some(parent) = out.parent() {
         std::fs::create_dir_all(parent).map_err(ExperimentError::file("create the folder", parent))?;
     }
-    let mut name = out.as_os_str().to_owned();
-    name.push(format!(".{}.part", std::process::id()));
-    let part = PathBuf::from(name);
+    let part = part_of(out);
     std::fs::create_dir(&part).map_err(ExperimentError::file("create the folder", &part))?;
     let file = |name: &str, contents: &str| {
         let path = part.join(name);
@@ -323,7 +348,7 @@ fn write(
         markdown += &format!("\n![{name}]({name})\n");
         file(name, svg)?;
     }
-    file("table.md", &markdown)?;
+    file(TABLE, &markdown)?;
     if out.exists() {
         return Err(ExperimentError::Exists(out.to_owned()));
     }

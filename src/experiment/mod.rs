@@ -56,7 +56,7 @@ pub mod vision_lspi;
 pub mod worlds;
 
 pub use band::{BAND, Band};
-pub use bench::{Bench, Experiment, Once, Results, Scope, Size, Sizes, keep, run};
+pub use bench::{Bench, Experiment, Once, Results, Scope, Size, Sizes, keep, page, part_of, run};
 pub use cache::{Cache, Cached, Found};
 pub use error::ExperimentError;
 pub use seeds::Seeds;

@@ -138,7 +138,7 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
         notes: vec![
             format!(
                 "{} frames, each seen once; the rat and its view are those of place-cells. Layers learn one after the other, {} frames each, the last one from the rest. \
-                 Nodes: {} outputs of a node below, {} above; slowness is that of another run of {} frames, without memory. Maps: {HEADINGS} \
+                 Nodes of the first layer have {} outputs, those above {}; slowness is that of another run of {} frames, without memory. Maps: {HEADINGS} \
                  headings at {} × {} places.",
                 run.0,
                 run.1,
@@ -153,7 +153,7 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
              6 million frames."
                 .into(),
         ],
-        plots: plots(&found, &place_cells::lab(scope.seeds[0])?, places)?,
+        plots: plots(&found[0], &place_cells::lab(scope.seeds[0])?, places)?,
     })
 }
 
@@ -209,17 +209,15 @@ fn table(found: &[Vec<Vec<Learned>>; 2], batch: &[Vec<Outcome>; 2]) -> Table {
     table
 }
 
-fn plots(found: &[Vec<Vec<Learned>>; 2], lab: &Lab, grid: Grid) -> Result<Vec<(String, String)>, ExperimentError> {
+/// Units of all layers over the room, where the rat moves slowly.
+fn plots(found: &[Vec<Learned>], lab: &Lab, grid: Grid) -> Result<Vec<(String, String)>, ExperimentError> {
+    let Some(layers) = found.first() else { return Ok(Vec::new()) };
     let (low, high) = lab.world.plan.reachable_box();
     let aspect = (high.y - low.y) / (high.x - low.x);
-    let names = ["places.svg", "headings.svg"];
-    let sheet_of = |(number, layers): (usize, &Vec<Learned>)| {
-        let examples = layers.iter().enumerate().map(|(layer, learned)| {
-            let all = learned.cells.lines(&format!("layer {}, unit", layer + 1)).into_iter().flatten();
-            all.take(if layer + 1 == LAYERS.len() { usize::MAX } else { EXAMPLES }).collect::<Vec<Map>>()
-        });
-        let title = format!("{}: what layers know of the place; means over headings", MOTIONS[number].0);
-        Ok((names[number].to_owned(), sheet(&title, grid, aspect, &examples.collect::<Vec<_>>())?))
-    };
-    found.iter().enumerate().filter_map(|(number, all)| Some(sheet_of((number, all.first()?)))).collect()
+    let examples = layers.iter().enumerate().map(|(layer, learned)| {
+        let all = learned.cells.lines(&format!("layer {}, unit", layer + 1)).into_iter().flatten();
+        all.take(if layer + 1 == LAYERS.len() { usize::MAX } else { EXAMPLES }).collect::<Vec<Map>>()
+    });
+    let title = format!("{}: what layers know of the place; means over headings", MOTIONS[0].0);
+    Ok(vec![("places.svg".to_owned(), sheet(&title, grid, aspect, &examples.collect::<Vec<_>>())?)])
 }

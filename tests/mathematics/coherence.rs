@@ -541,12 +541,13 @@ fn a_hierarchy_that_learns_frame_by_frame_comes_to_the_slowest_functions_of_the_
     let angle = principal_angle(&said[1], &slowest).to_degrees();
     let of_pixels = principal_angle(&new, &slowest).to_degrees();
     println!("hierarchy online: {angle:.1}° from sine and cosine; the pixels' span {of_pixels:.1}°");
+    // With other weights at first it was 14° to 31°; two planes that know nothing of each other lie at nearly 90°.
     assert!(of_pixels > 80.0 && angle < 40.0);
     let y = row(&said[1], 0);
     let mean = y.iter().sum::<f64>() / y.len() as f64;
     let variance = y.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / y.len() as f64;
     // Estimates reach back 2000 frames, 20 times as long as the heading takes to change, and here are 100 times: within three standard errors.
-    assert!((variance - 1.0).abs() < 3.0 * (2.0f64 / 20.0 + 2.0 / 100.0).sqrt(), "the variance is {variance}");
+    assert!(variance.ln().abs() < 3.0 * (2.0f64 / 20.0 + 2.0 / 100.0).sqrt(), "the variance is {variance}");
 }
 
 #[test]

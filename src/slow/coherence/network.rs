@@ -59,7 +59,7 @@ pub struct Learning {
     pub forgetting: f64,
     /// Frames over which a node's output is averaged, τ ≥ 1: 1 is no memory.
     pub memory: f64,
-    /// Frames that a layer learns from before it is the turn of the next one.
+    /// Frames that a layer learns from before it is the turn of the next one; 0 counts as 1.
     pub settle: usize,
 }
 
