@@ -1,6 +1,7 @@
 //! How near states are by what is seen and by where it is, and how inexactly robots move.
 
 use std::f64::consts::FRAC_PI_3;
+use std::ops::Range;
 
 use rand::{Rng, RngExt};
 use rand_distr::{Distribution, StandardNormal};
@@ -17,8 +18,8 @@ const TURN: f64 = 2.0;
 /// Coordinates of a pose in a point.
 pub(super) const OF_POSE: usize = 4;
 /// Share of a move that one which slides along a wall makes, and that one which a wall has stopped makes.
-const SLID: std::ops::Range<f64> = 0.2..1.2;
-const STOPPED: std::ops::Range<f64> = 0.0..1.0;
+const SLID: Range<f64> = 0.2..1.2;
+const STOPPED: Range<f64> = 0.0..1.0;
 /// Share of the moves that a wall has stopped at once: the robot stood before it already.
 const STANDS: f64 = 0.5;
 
@@ -45,6 +46,26 @@ impl MotionNoise {
             parameter(name, value, (0.0..=1.0).contains(&value), "0 to 1")?;
         }
         Ok(())
+    }
+
+    /// Where a step leads in the mean, from where it began, and by how much that is off; `unit`: length of a move.
+    pub(super) fn expected(self, step: MapStep, unit: f64) -> (Pose, f64) {
+        // Mean and standard deviation of a share that is even in a range.
+        let even = |of: Range<f64>| (0.5 * (of.start + of.end), (of.end - of.start) / 12f64.sqrt());
+        let (stopped, slid) = (even(STOPPED), even(SLID));
+        let mixed = |(share, (mean, deviation)): (f64, (f64, f64)), other: (f64, f64)| {
+            let both = share * mean + (1.0 - share) * other.0;
+            let square =
+                share * (mean * mean + deviation * deviation) + (1.0 - share) * (other.0 * other.0 + other.1 * other.1);
+            (both, (square - both * both).max(0.0).sqrt())
+        };
+        let (share, deviation) = match step.distance {
+            Some(0.0) => (0.0, 0.0),
+            Some(_) => mixed((self.slides, slid), (1.0, self.length)),
+            None => mixed((STANDS, (0.0, 0.0)), stopped),
+        };
+        let way = share * step.distance.map_or(1.0, |distance| distance / unit);
+        (Pose { x: way * step.turn.cos(), y: way * step.turn.sin(), heading: step.turn }, deviation)
     }
 
     /// Where a step may have led; `unit`: length of a move.

@@ -14,6 +14,9 @@
 //! what was seen was most expected. Later maps begin with the places of the one before ([`PlaceMap::go_on`]); when much
 //! is new they have to beat new tries ([`PlaceMap::new`]).
 //!
+//! What stays is bent still. So it is straightened: pieces of the way are the nodes of a [`PoseGraph`], tied by their steps and by states
+//! that look alike where they lie, and all ways are followed once more on what comes of that.
+//!
 //! # Doubt
 //! A cloud of poses that has settled in the wrong one of two rooms would stay there. So a little of it is always anywhere where such
 //! images were seen; and that no goal was found where one should be ([`GoalPlaces`]) makes it grow. Doubt has its price: of rooms that are
@@ -29,26 +32,29 @@
 //!
 //! # Reference
 //! Dellaert, Fox, Burgard & Thrun 1999 (Monte Carlo localization); Thrun, Fox, Burgard & Dellaert 2001 (some particles by what is seen);
-//! Montemerlo, Thrun, Koller & Wegbreit 2002 (maps along particles);
+//! Montemerlo, Thrun, Koller & Wegbreit 2002 (maps along particles); Lu & Milios 1997 (consistent pose estimation);
 //! Littman, Cassandra & Kaelbling 1995 (acting on such a belief: values averaged by it).
 
 mod belief;
 mod goals;
+mod graph;
 mod lattice;
 mod looks;
 mod map;
 mod metric;
 mod placing;
 mod planning;
+mod relaxing;
 mod states;
 #[cfg(test)]
 mod tests;
 mod turns;
 
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 
 pub use belief::Belief;
 pub use goals::GoalPlaces;
+pub use graph::{Factor, GraphError, Optimum, PoseGraph};
 pub use metric::{MotionNoise, PlaceMetric};
 pub use planning::{PlaceOutcomes, PlaceStep, Planner};
 pub use states::PlaceMap;
@@ -62,6 +68,23 @@ pub struct Pose {
     pub y: f64,
     /// From the first axis to the second.
     pub heading: f64,
+}
+
+impl Pose {
+    /// The same pose in the frame of another one: ahead, aside, and the angle between them, −π to π.
+    pub fn seen_from(self, other: Pose) -> Pose {
+        let (sin, cos) = other.heading.sin_cos();
+        let (x, y) = (self.x - other.x, self.y - other.y);
+        let heading = around(self.heading - other.heading + PI) - PI;
+        Pose { x: cos * x + sin * y, y: cos * y - sin * x, heading }
+    }
+
+    /// Where a pose lies that is seen so from this one.
+    pub fn place(self, seen: Pose) -> Pose {
+        let (sin, cos) = self.heading.sin_cos();
+        let (x, y) = (self.x + cos * seen.x - sin * seen.y, self.y + sin * seen.x + cos * seen.y);
+        Pose { x, y, heading: self.heading + seen.heading }
+    }
 }
 
 /// The smaller angle between two headings.

@@ -26,8 +26,10 @@ const TRIES: [u64; 2] = [6, 2];
 const BETTER: f64 = 0.02;
 /// How often all ways are followed in a try.
 const SWEEPS: usize = 3;
-/// The same where no other map is looked for.
-const GOING_ON: usize = 2;
+/// Where no other map is looked for, as often.
+const GOING_ON: usize = 1;
+/// How often the map that stays is straightened, and all ways followed once more: where another one was looked for, and where not.
+const ROUNDS: [usize; 2] = [3, 1];
 /// A state belongs to the map when so many others came behind it; so many are placed in one go.
 const LAG: usize = 40;
 const AT_ONCE: usize = 10;
@@ -118,10 +120,7 @@ fn place(map: &mut PlaceMap, steps: &[Option<MapStep>], (before, anew): (&[Optio
         let mut expected = 0.0;
         for sweep in 0..sweeps {
             let mut rng = stream(before.len() as u64, &format!("places {number} {sweep}"));
-            expected = 0.0;
-            for way in ways.iter().filter(|way| way.len() >= SHORT) {
-                expected += Track::new(&mut map, (way.clone(), !anew), steps).run(&mut rng);
-            }
+            expected = follow(&mut map, (&ways, !anew), steps, &mut rng);
         }
         if number == 0 {
             expected += BETTER * before.len() as f64;
@@ -131,9 +130,24 @@ fn place(map: &mut PlaceMap, steps: &[Option<MapStep>], (before, anew): (&[Optio
     let attempts = map_all((tries + 1 - first) as usize, attempt);
     // Of equal ones the first.
     let best = attempts.into_iter().reduce(|best, of| if of.0 > best.0 { of } else { best });
-    if let Some(best) = best {
-        (_, map.poses, map.cells) = best;
+    let Some((_, poses, cells)) = best else { return };
+    (map.poses, map.cells) = (poses, cells);
+    for round in 0..ROUNDS[usize::from(!anew)] {
+        map.relax(&ways, steps);
+        let mut rng = stream(before.len() as u64, &format!("places straightened {round}"));
+        follow(map, (&ways, true), steps, &mut rng);
     }
+}
+
+/// Follow all ways that are not too short; how much what was seen was expected in all. `stay`: they begin where they lay before.
+fn follow(
+    map: &mut PlaceMap,
+    (ways, stay): (&[Range<usize>], bool),
+    steps: &[Option<MapStep>],
+    rng: &mut impl Rng,
+) -> f64 {
+    let ways = ways.iter().filter(|way| way.len() >= SHORT);
+    ways.map(|way| Track::new(map, (way.clone(), stay), steps).run(rng)).sum()
 }
 
 /// A way that is followed.
