@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
+use super::slam::graph::GraphError;
 use crate::dictionary::DictionaryError;
 use crate::kernel::KernelError;
 use crate::policy::PolicyError;
@@ -111,6 +112,9 @@ pub enum ExperimentError {
     /// The library's part.
     #[error(transparent)]
     Coherence(#[from] CoherenceError),
+    /// A pose graph.
+    #[error(transparent)]
+    Graph(#[from] GraphError),
     /// A run of the agent.
     #[error("a run of the agent failed: {0}")]
     Run(String),

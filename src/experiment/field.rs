@@ -6,18 +6,17 @@ use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
 use super::lab::{Lab, Walked, points};
-use super::local;
 use super::quality::{Quality, Trials};
 use super::trained::{Iteration, Sampled, Training, train, trips, with_one};
 use super::{Bench, ExperimentError};
+use super::{local, planned};
 use crate::evaluate::{OptimalSteps, Situation, Trip, draw_pose};
-use crate::policy::{Reflexes, step_of};
+use crate::policy::Reflexes;
 use crate::random::stream;
 use crate::robot::{Action, Pose};
 use crate::scenario::in_goal;
 use crate::slow::coherence::incremental::{IncrementalSlow, Options as IncrementalOptions};
-use crate::value::place::{MotionNoise, PlaceOutcomes, PlaceStep, Planner, Pose as PlacePose};
-use crate::value::{Fit, MapStep, StreamQ, StreamQOptions};
+use crate::value::{Fit, StreamQ, StreamQOptions};
 use crate::vision::{Image, Observation, Observer};
 use crate::world::{Robot, Sensor};
 
@@ -129,15 +128,6 @@ impl Field<'_> {
         })
     }
 
-    /// The first part of the walk.
-    fn part(&self, actions: usize) -> Walked {
-        Walked {
-            poses: self.walked.poses[..=actions].to_vec(),
-            actions: self.walked.actions[..actions].to_vec(),
-            blocked: self.walked.blocked[..actions].to_vec(),
-        }
-    }
-
     /// The batch pipeline on the first part of the walk, and how many support vectors it has.
     pub fn batch(
         &self,
@@ -160,7 +150,7 @@ impl Field<'_> {
     /// # Errors
     /// A walk that never moves or never turns; [`ExperimentError::Stopped`].
     pub fn true_pose(&self, actions: usize, f: usize) -> Result<Vec<Quality>, ExperimentError> {
-        let part = self.part(actions);
+        let part = self.walked.first(actions);
         let theory = self.lab.optimal_responses(&part, self.lab.thesis_weight(&part), f - 1)?;
         let features =
             |poses: &[Pose]| with_one(&theory.evaluate(points(poses).as_ref()).expect("the robot is near the room"));
@@ -181,33 +171,16 @@ impl Field<'_> {
 
     /// Values that are planned on a lattice of the true poses of the whole walk, where what actions do is known.
     pub fn planned(&self) -> Result<Vec<Quality>, ExperimentError> {
-        let (scenario, walked) = (&self.lab.scenario, &self.walked);
-        let (actions, unit) = (&scenario.robot.actions, scenario.robot.forward);
-        let place =
-            |pose: &Pose| PlacePose { x: pose.position.x / unit, y: pose.position.y / unit, heading: pose.heading };
-        let step = |t: usize| PlaceStep {
-            action: walked.actions[t].index(),
-            from: place(&walked.poses[t]),
-            to: place(&walked.poses[t + 1]),
-            blocked: walked.blocked[t],
-        };
-        let steps: Vec<PlaceStep> = (0..walked.actions.len()).map(step).collect();
-        let motions: Vec<MapStep> = actions.iter().map(|action| step_of(actions, action, false)).collect();
-        let planner = Planner::new(&motions, &steps, MotionNoise::ROBOT, unit)?;
-        let (ends, reflexes) = (&walked.poses[1..], Reflexes::new(scenario));
-        let nothing = vec![0.0; steps.len()];
-        self.qualities(|number| {
-            let task = self.lab.task(number);
-            let rewards: Vec<f64> = ends.iter().map(|end| self.lab.world.plan.reward(task, end.position)).collect();
-            let ended: Vec<bool> = ends.iter().map(|end| task.absorbing && in_goal(task, end.position)).collect();
-            let outcomes = PlaceOutcomes { rewards: &rewards, avoided: &nothing, ended: &ended };
-            let fit = planner.fit(&outcomes, scenario.value.gamma)?;
+        let (lab, walked) = (self.lab, &self.walked);
+        let steps = planned::steps(lab, walked, &walked.poses);
+        let (planner, reflexes) = (planned::planner(lab, &steps)?, Reflexes::new(&lab.scenario));
+        self.qualities(|task| {
+            let fit = planned::fit(lab, &planner, walked, task)?;
             let choose = |situation: &Situation<'_>| {
-                // Where the walk never was, any action is as good.
-                let values = planner.values_at(&fit, place(situation.pose)).unwrap_or_else(|| vec![0.0; actions.len()]);
-                reflexes.best(&values, situation.recent).0
+                let place = planned::place(lab, situation.pose);
+                reflexes.best(&planned::values(lab, (&planner, &fit), place), situation.recent).0
             };
-            Ok(self.trials.evaluator.trips(number, false, &choose))
+            Ok(self.trials.evaluator.trips(task, false, &choose))
         })
     }
 
@@ -231,7 +204,7 @@ impl Field<'_> {
             let of = |x: Mat<f64>| {
                 with_one(&map.apply(x.as_ref()).expect("frames are as long as those that were learned from"))
             };
-            let part = self.part(count);
+            let part = self.walked.first(count);
             let phi = of(Mat::from_fn(self.video.nrows(), count + 1, |i, j| scaled(self.video[(i, j)])));
             let sampled = Sampled::whole(self.lab, &part, &phi);
             let qualities = self.qualities(|task| {

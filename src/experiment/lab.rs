@@ -11,7 +11,7 @@ use super::{Bench, ExperimentError};
 use crate::policy::{Recent, Reflexes, Walk};
 use crate::random::stream;
 use crate::robot::{Action, ActionSet, Pose, wrap};
-use crate::scenario::{Renderer, Scenario, Task};
+use crate::scenario::{ChangeKind, Renderer, Scenario, Task};
 use crate::slow::Link;
 use crate::slow::theory::{Axis, OptimalResponses, TheoryError, plane_motion};
 use crate::vision::Image;
@@ -95,6 +95,22 @@ impl Lab {
         Lab::parse(text, &format!("{name}.toml"), &[&fixed, sets].concat())
     }
 
+    /// [`world`](Lab::world) behind the day on which one of its walls was papered anew; each seed has a paper of its own.
+    pub fn repapered(place: usize, seed: u64, wall: usize, sets: &[String]) -> Result<Self, ExperimentError> {
+        let mut scenario = Scenario::clone(&Lab::world(place, seed, sets)?.scenario);
+        let (name, text) = WORLDS[place];
+        let text = format!("{text}\n[[change]]\nkind = \"wall\"\nwall = {wall}\n");
+        let changing = Scenario::parse(&text, Path::new(name), &[])?;
+        for change in changing.changes {
+            if let ChangeKind::Texture { wall, mut texture } = change.what {
+                texture.seed += seed << u32::BITS;
+                scenario.world.walls[wall].texture = texture;
+            }
+        }
+        let world = Arc::new(World::new(&scenario)?);
+        Ok(Lab { scenario: Arc::new(scenario), world })
+    }
+
     fn of(text: &str, name: &str, seed: u64, rewards: Vec<String>, sets: &[&str]) -> Result<Self, ExperimentError> {
         let fixed = [format!("seed={seed}"), "robot.frames_per_action=1".into(), "camera.detail=vision".into()];
         let sets: Vec<String> =
@@ -133,7 +149,12 @@ impl Lab {
         let mut robot = Robot::new(&scenario.robot, start, stream(seed, "motion"));
         let mut walk = Walk::new(scenario, stream(seed, "explore"));
         let reflexes = Reflexes::new(scenario);
-        let mut walked = Walked { poses: vec![robot.pose], actions: Vec::new(), blocked: Vec::new() };
+        let mut walked = Walked {
+            poses: vec![robot.pose],
+            odometry: vec![robot.odometry],
+            actions: Vec::new(),
+            blocked: Vec::new(),
+        };
         let mut recent = Recent::default();
         for _ in 0..actions {
             let sonar = robot.sonar(&self.world.arena);
@@ -142,6 +163,7 @@ impl Lab {
             let blocked = robot.drive(motion, &self.world.arena);
             recent = recent.then(action, blocked, &scenario.robot.actions);
             walked.poses.push(robot.pose);
+            walked.odometry.push(robot.odometry);
             walked.actions.push(action);
             walked.blocked.push(blocked);
         }
@@ -270,6 +292,8 @@ impl Walked {
 pub struct Walked {
     /// One more than actions.
     pub poses: Vec<Pose>,
+    /// Where the wheels say that it was at each of them.
+    pub odometry: Vec<Pose>,
     /// The actions.
     pub actions: Vec<Action>,
     /// Whether a wall stopped each.
@@ -292,6 +316,16 @@ pub struct Transition {
 }
 
 impl Walked {
+    /// Its first actions.
+    pub fn first(&self, actions: usize) -> Walked {
+        Walked {
+            poses: self.poses[..=actions].to_vec(),
+            odometry: self.odometry[..=actions].to_vec(),
+            actions: self.actions[..actions].to_vec(),
+            blocked: self.blocked[..actions].to_vec(),
+        }
+    }
+
     /// `count` transitions of all kinds, spread evenly over the walk.
     pub fn spread(&self, count: usize) -> Vec<Transition> {
         let all: Vec<usize> = (0..self.actions.len()).collect();
@@ -375,7 +409,7 @@ mod tests {
         let actions = [forward, left, forward, right, forward].repeat(20);
         let blocked: Vec<bool> = (0..100).map(|t| t % 5 == 2).collect();
         let poses = vec![Pose::new(Point2::origin(), 0.0); 101];
-        let walked = Walked { poses, actions, blocked };
+        let walked = Walked { odometry: poses.clone(), poses, actions, blocked };
         let found = walked.as_in_the_thesis(64);
         assert_eq!(found.iter().filter(|t| t.action == forward).count(), 64 * MOVES / TRANSITIONS);
         let is_mirrored = |t: &Transition| {

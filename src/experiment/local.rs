@@ -4,10 +4,11 @@ use std::sync::Arc;
 
 use faer::{Mat, MatRef};
 
-use super::ExperimentError;
 use super::lab::{Lab, Transition, Walked};
+use super::trained::Trained;
+use super::{Bench, ExperimentError};
 use crate::evaluate::{Evaluator, Situation, Trip};
-use crate::policy::Reflexes;
+use crate::policy::{Learned, Reflexes, points};
 use crate::robot::{Action, Pose};
 use crate::value::{Instances, Local, LocalOptions, LocalOutcomes};
 
@@ -62,6 +63,22 @@ pub fn values(
     };
     let worths: Result<Vec<Mat<f64>>, ExperimentError> = (0..lab.scenario.tasks.len()).map(worth).collect();
     Ok(Valued { worths: worths?, instances })
+}
+
+/// Local values in the metric of the slowest features of a walk.
+pub fn of_features(
+    trained: &Trained<'_>,
+    transitions: Vec<Transition>,
+    rule: Rule,
+    bench: &Bench<'_>,
+) -> Result<Learned, ExperimentError> {
+    let features = trained.lab.scenario.value.metric_features;
+    let at = |frames: &[usize]| {
+        let phi = trained.features_at(frames, bench)?;
+        Ok(points(&trained.model, phi.as_ref(), features))
+    };
+    let Valued { instances, worths } = values(trained.lab, &trained.walked, transitions, rule, at)?;
+    Ok(Learned::local(1, 0, 0, trained.model.clone(), instances, worths, None)?)
 }
 
 /// Policies of the true pose, with our reflexes.

@@ -19,6 +19,7 @@
 //! | [`worlds`] | none: the agent in all worlds, beside what it is to be compared with |
 //! | [`place_cells`] | §4.2.3; Franzius et al. 2007 |
 //! | [`online_hierarchy`] | §4.2.3, figure *Wyss06*; Wyss et al. 2006 |
+//! | [`slam`] | none: the comparison with SLAM that §1 and §6 ask for |
 //! | [`receptive_fields`] | §4.2.1; Berkes & Wiskott 2005 |
 //! | [`digits`] | §4.2.2; Berkes 2005 |
 
@@ -38,6 +39,7 @@ pub mod online;
 pub mod online_hierarchy;
 mod pipeline;
 pub mod place_cells;
+mod planned;
 mod plot;
 pub mod pose_lspi;
 mod quality;
@@ -45,6 +47,7 @@ pub mod receptive_fields;
 pub mod responses;
 mod seeds;
 pub mod selection;
+pub mod slam;
 pub mod slowness;
 mod spans;
 mod table;
@@ -77,6 +80,7 @@ pub const ALL: &[Experiment] = &[
     worlds::EXPERIMENT,
     place_cells::EXPERIMENT,
     online_hierarchy::EXPERIMENT,
+    slam::EXPERIMENT,
     receptive_fields::EXPERIMENT,
     digits::EXPERIMENT,
 ];

@@ -77,9 +77,19 @@ pub fn seen(
 ) -> Result<(Mat<f32>, SlowModel<f32>), ExperimentError> {
     let frames = lab.video(poses, bench)?;
     bench.say(&format!("rendered {} frames", frames.ncols()));
-    let dictionary = Widths::default().select(frames.as_ref(), vectors, bench)?;
-    let (_, model) = slow_features(&dictionary, frames.as_ref(), links, features, bench)?;
+    let model = learned(frames.as_ref(), links, (vectors, features), bench)?;
     Ok((frames, model))
+}
+
+/// Slow features of frames, `d × n`: about so many support vectors, so many features.
+pub fn learned(
+    frames: MatRef<'_, f32>,
+    links: &[Option<Link>],
+    (vectors, features): (usize, usize),
+    bench: &Bench<'_>,
+) -> Result<SlowModel<f32>, ExperimentError> {
+    let dictionary = Widths::default().select(frames, vectors, bench)?;
+    Ok(slow_features(&dictionary, frames, links, features, bench)?.1)
 }
 
 /// Features of many frames, `f × n`, the constant one first; a block at a time.

@@ -13,7 +13,6 @@ use super::plot::{Line, chart};
 use super::quality::{Quality, Trials, driven};
 use super::trained::{Iteration, Sampled, Trained, Training, train, trips};
 use super::{Band, Bench, Cell, Experiment, ExperimentError, Once, Results, Sizes, Table};
-use crate::policy::{Learned, points};
 use crate::report::draw::Axis;
 
 /// The experiment.
@@ -154,12 +153,7 @@ fn tried(
         walls: values != Values::NoWalls,
         bounded: values != Values::Unbounded,
     };
-    let at = |frames: &[usize]| {
-        let phi = trained.features_at(frames, bench)?;
-        Ok(points(&trained.model, phi.as_ref(), settings.metric_features))
-    };
-    let local::Valued { instances, worths } = local::values(lab, &trained.walked, transitions, rule, at)?;
-    let learned = Learned::local(1, 0, 0, trained.model.clone(), instances, worths, None)?;
+    let learned = local::of_features(trained, transitions, rule, bench)?;
     let trips = |task: usize| driven(&trials.evaluator, task, &learned, task, reflexes);
     Ok(tasks.map(|task| trials.quality(task, &trips(task))).collect())
 }

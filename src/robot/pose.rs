@@ -23,6 +23,12 @@ impl Pose {
         Pose::new(position, self.heading + inner.heading)
     }
 
+    /// This pose within another one's frame: what [`then`](Pose::then) leads back from.
+    pub fn seen_from(&self, from: &Pose) -> Pose {
+        let position = UnitComplex::new(-from.heading) * (self.position - from.position);
+        Pose::new(position.into(), self.heading - from.heading)
+    }
+
     /// Unit vector of the heading.
     pub fn direction(&self) -> Vector2<f64> {
         UnitComplex::new(self.heading) * Vector2::x()

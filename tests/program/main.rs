@@ -12,4 +12,5 @@ mod fleet;
 mod fuzz;
 mod live;
 mod report;
+mod slam;
 mod soak;

@@ -8,8 +8,10 @@ use std::ops::Range;
 use faer::{Mat, MatRef};
 
 use super::goals::{GoalPlaces, square};
-use super::{PlaceMetric, Pose, nearest};
-use crate::value::local::apart;
+use super::{MotionNoise, PlaceMetric, Pose, nearest};
+use crate::value::ValueError;
+use crate::value::error::parameter;
+use crate::value::local::{apart, finite_points};
 
 /// Width of likeness: so many times as far as states are from the third of those that are most like them and were not met beside them.
 const WIDTH: f64 = 1.3;
@@ -48,6 +50,27 @@ impl PlaceMap {
         let mut map = PlaceMap { metric, points, poses, cells, goals: Vec::new(), by_chance: 0.0 };
         map.by_chance = (ALIKE * map.likeness_of_like()).max(LEAST_CHANCE);
         map
+    }
+
+    /// States that somebody else has placed: what was seen, `p × n`, and `n` poses; the width of likeness is chosen as when a map is
+    /// found. `None` where no two states differ. `unit`: length of a move.
+    ///
+    /// # Errors
+    /// Another number of poses than states, values that are not finite, noise outside its ranges, a unit that is not above 0.
+    pub fn placed(points: Mat<f32>, poses: &[Pose], noise: MotionNoise, unit: f64) -> Result<Option<Self>, ValueError> {
+        noise.check()?;
+        parameter("unit", unit, unit > 0.0 && unit.is_finite(), "above 0")?;
+        finite_points("points", points.as_ref())?;
+        if poses.len() != points.ncols() {
+            return Err(ValueError::Length { what: "the poses", found: poses.len(), expected: points.ncols() });
+        }
+        for pose in poses {
+            let sum = pose.x + pose.y + pose.heading;
+            parameter("pose", sum, sum.is_finite(), "finite")?;
+        }
+        let Some(width) = width(points.as_ref()) else { return Ok(None) };
+        let metric = PlaceMetric { noise, unit, width };
+        Ok(Some(PlaceMap::begin(points, poses.iter().copied().map(Some).collect(), metric)))
     }
 
     /// The same, where goals were found at these places, by task.
