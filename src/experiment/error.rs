@@ -4,7 +4,6 @@ use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
-use super::slam::graph::GraphError;
 use crate::dictionary::DictionaryError;
 use crate::kernel::KernelError;
 use crate::policy::PolicyError;
@@ -17,6 +16,7 @@ use crate::slow::ica::IcaError;
 use crate::slow::region::RegionError;
 use crate::slow::theory::TheoryError;
 use crate::value::ValueError;
+use crate::value::place::GraphError;
 
 /// Why an experiment ended without its table.
 #[derive(Debug, Error)]

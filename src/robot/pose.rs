@@ -2,6 +2,8 @@
 
 use nalgebra::{Point2, UnitComplex, Vector2};
 
+use crate::value::place;
+
 /// Position and heading on the floor.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Pose {
@@ -32,6 +34,18 @@ impl Pose {
     /// Unit vector of the heading.
     pub fn direction(&self) -> Vector2<f64> {
         UnitComplex::new(self.heading) * Vector2::x()
+    }
+}
+
+impl From<Pose> for place::Pose {
+    fn from(pose: Pose) -> Self {
+        place::Pose { x: pose.position.x, y: pose.position.y, heading: pose.heading }
+    }
+}
+
+impl From<place::Pose> for Pose {
+    fn from(pose: place::Pose) -> Self {
+        Pose::new([pose.x, pose.y].into(), pose.heading)
     }
 }
 

@@ -1,16 +1,16 @@
 //! The pose graph of the experiment `slam`: known optima, and those that GTSAM finds.
 
-use adagio::experiment::slam::chart::Chart;
-use adagio::experiment::slam::graph::{Factor, PoseGraph, alignment, rms};
+use adagio::experiment::slam::chart::{Chart, alignment, rms};
 use adagio::random::stream;
-use adagio::robot::Pose;
+use adagio::robot;
+use adagio::value::place::{Factor, Pose, PoseGraph};
 use rand::RngExt;
 use serde_json::{Value, json};
 
 use crate::common::python;
 
 fn pose(x: f64, y: f64, heading: f64) -> Pose {
-    Pose::new([x, y].into(), heading)
+    Pose { x, y, heading }
 }
 
 fn factor(from: usize, to: usize, measured: Pose) -> Factor {
@@ -20,7 +20,7 @@ fn factor(from: usize, to: usize, measured: Pose) -> Factor {
 /// How far two poses are from each other at most, in metres or radians.
 fn apart(a: &Pose, b: &Pose) -> f64 {
     let apart = a.seen_from(b);
-    apart.position.coords.amax().max(apart.heading.abs())
+    apart.x.abs().max(apart.y.abs()).max(apart.heading.abs())
 }
 
 #[test]
@@ -93,7 +93,7 @@ fn alike_views_close_what_odometry_leaves_open() {
         poses.push(poses[t].then(&step));
         // The wheels say that each turn is a degree too small.
         let turn = if t % 5 == 4 { 89f64.to_radians() } else { step.heading };
-        odometry.push(odometry[t].then(&Pose::new(step.position, turn)));
+        odometry.push(odometry[t].then(&Pose { heading: turn, ..step }));
         if t % 20 == 19 {
             // Back to where the first round began, as if a wall had set it right.
             let round = t + 1;
@@ -103,7 +103,7 @@ fn alike_views_close_what_odometry_leaves_open() {
         }
     }
     let seen = |pose: &Pose| {
-        let parts = [pose.position.x, pose.position.y, 2.0 * pose.heading.cos(), 2.0 * pose.heading.sin()];
+        let parts = [pose.x, pose.y, 2.0 * pose.heading.cos(), 2.0 * pose.heading.sin()];
         let bumps = (0..48).map(|k| {
             (parts.iter().enumerate().map(|(i, x)| x * (1.3 * f64::from(k) + 2.1 * i as f64).sin()).sum::<f64>()).cos()
         });
@@ -112,6 +112,8 @@ fn alike_views_close_what_odometry_leaves_open() {
     };
     let columns: Vec<Vec<f32>> = poses.iter().map(seen).collect();
     let thumbnails = faer::Mat::from_fn(48, columns.len(), |i, j| columns[j][i]);
+    let of_robot = |poses: &[Pose]| poses.iter().map(|&pose| pose.into()).collect::<Vec<robot::Pose>>();
+    let (poses, odometry) = (of_robot(&poses), of_robot(&odometry));
     let error = |chart: &Chart| {
         let aligned = alignment(&chart.poses, &poses);
         rms(chart.poses.iter().map(|pose| aligned.then(pose)).zip(poses.iter().copied()))
@@ -128,10 +130,10 @@ fn alike_views_close_what_odometry_leaves_open() {
 
 #[test]
 fn a_rigid_motion_is_found_from_what_it_moves() {
-    let motion = pose(0.7, -1.1, 2.5);
-    let poses: Vec<Pose> = (0..9).map(|i| pose(f64::from(i), f64::from(i * i) * 0.1, 0.3)).collect();
-    let moved: Vec<Pose> = poses.iter().map(|pose| motion.then(pose)).collect();
-    assert!(apart(&alignment(&poses, &moved), &motion) < 1e-12);
+    let motion = robot::Pose::from(pose(0.7, -1.1, 2.5));
+    let poses: Vec<robot::Pose> = (0..9).map(|i| pose(f64::from(i), f64::from(i * i) * 0.1, 0.3).into()).collect();
+    let moved: Vec<robot::Pose> = poses.iter().map(|pose| motion.then(pose)).collect();
+    assert!(apart(&alignment(&poses, &moved).into(), &motion.into()) < 1e-12);
     assert!(rms(poses.iter().map(|pose| motion.then(pose)).zip(moved.iter().copied())).0 < 1e-12);
 }
 
@@ -170,7 +172,7 @@ fn gtsam_finds_the_same_optimum() {
     let mut start = vec![Pose::default()];
     factors[..99].iter().for_each(|step| start.push(start[step.from].then(&step.measured)));
 
-    let numbers = |pose: &Pose| [pose.position.x, pose.position.y, pose.heading];
+    let numbers = |pose: &Pose| [pose.x, pose.y, pose.heading];
     let told = json!({
         "poses": start.iter().map(numbers).collect::<Vec<_>>(),
         "factors": factors.iter().map(|f| json!([f.from, f.to, numbers(&f.measured), f.sigmas, f.cauchy])).collect::<Vec<_>>(),

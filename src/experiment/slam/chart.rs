@@ -9,9 +9,11 @@
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
 
-use super::graph::{Factor, GraphError, PoseGraph};
-use crate::robot::Pose;
+use nalgebra::{UnitComplex, Vector2};
+
+use crate::robot::{Pose, wrap};
 use crate::scenario::Vision;
+use crate::value::place::{Factor, GraphError, PoseGraph};
 
 /// Pixels of an observation that make one of a keyframe, along each axis.
 const BINNED: usize = 2;
@@ -96,19 +98,19 @@ impl Chart {
             let measured = step(t);
             let [ahead, turned] = [measured.position.coords.norm(), measured.heading.abs()];
             let sigmas = [FLOOR + noise * ahead, FLOOR, FLOOR + noise * turned];
-            Factor { from: t, to: t + 1, measured, sigmas, cauchy: None }
+            Factor { from: t, to: t + 1, measured: measured.into(), sigmas, cauchy: None }
         };
         let closing = |&(from, to): &Closure| Factor {
             from,
             to,
-            measured: Pose::default(),
+            measured: Pose::default().into(),
             sigmas: likeness.sigmas,
             cauchy: Some(CAUCHY),
         };
         let factors = (0..odometry.len() - 1).map(odometric).chain(closures.iter().map(closing)).collect();
-        let mut graph = PoseGraph::new(guess(odometry, &closures), factors)?;
+        let mut graph = PoseGraph::new(guess(odometry, &closures).into_iter().map(Into::into).collect(), factors)?;
         graph.optimise(STEPS, TOLERANCE)?;
-        Ok(Chart { poses: graph.poses().to_vec(), closures })
+        Ok(Chart { poses: graph.poses().iter().map(|&pose| pose.into()).collect(), closures })
     }
 }
 
@@ -186,4 +188,33 @@ fn guess(odometry: &[Pose], closures: &[Closure]) -> Vec<Pose> {
         poses.push(pose);
     }
     poses
+}
+
+/// The rigid motion that brings poses nearest to others in the least squares of their positions: its [`then`](Pose::then) moves each of them.
+///
+/// # Reference
+/// Umeyama 1991, in the plane and without a scale.
+pub fn alignment(poses: &[Pose], to: &[Pose]) -> Pose {
+    let n = poses.len().min(to.len()).max(1) as f64;
+    let mean = |of: &[Pose]| of.iter().map(|pose| pose.position.coords).sum::<Vector2<f64>>() / n;
+    let (from_mean, to_mean) = (mean(poses), mean(to));
+    let (mut dot, mut cross) = (0.0, 0.0);
+    for (a, b) in poses.iter().zip(to) {
+        let (a, b) = (a.position.coords - from_mean, b.position.coords - to_mean);
+        (dot, cross) = (dot + a.dot(&b), cross + a.perp(&b));
+    }
+    let angle = cross.atan2(dot);
+    Pose::new((to_mean - UnitComplex::new(angle) * from_mean).into(), angle)
+}
+
+/// Root mean square distance, metres, and angle, degrees, between poses.
+pub fn rms(poses: impl Iterator<Item = (Pose, Pose)>) -> (f64, f64) {
+    let (mut squares, mut n) = ([0.0; 2], 0usize);
+    for (a, b) in poses {
+        squares[0] += (a.position - b.position).norm_squared();
+        squares[1] += wrap(a.heading - b.heading).to_degrees().powi(2);
+        n += 1;
+    }
+    let [distance, angle] = squares.map(|sum| (sum / n.max(1) as f64).sqrt());
+    (distance, angle)
 }

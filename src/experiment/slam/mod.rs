@@ -3,10 +3,9 @@
 //!
 //! The baseline is a classical one: [`chart`] makes a map out of odometry and closures, Monte Carlo localisation ([`PlaceMap`]) finds the
 //! robot on it by the same small images from no knowledge of the place, and values are planned on a lattice of its poses
-//! ([`planned`](super::planned)). Where goals are, both methods learn from the rewards of the walk.
+//! ([`Planner`]). Where goals are, both methods learn from the rewards of the walk.
 
 pub mod chart;
-pub mod graph;
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -15,8 +14,7 @@ use std::time::Instant;
 use faer::{Mat, MatRef};
 use serde::{Deserialize, Serialize};
 
-use self::chart::{Chart, Closure, thumbnail};
-use self::graph::{alignment, rms};
+use self::chart::{Chart, Closure, alignment, rms, thumbnail};
 use super::lab::{Data, Lab, Walked};
 use super::plot::{Line, chart as lines_chart};
 use super::quality::{Quality, Trials};

@@ -221,7 +221,7 @@ impl PoseGraph {
 impl Factor {
     /// Where `to` is from where it is expected: ahead, aside, angle.
     fn error(&self, poses: &[Pose]) -> [f64; 3] {
-        let seen = poses[self.to].seen_from(poses[self.from]).seen_from(self.measured);
+        let seen = poses[self.to].seen_from(&poses[self.from]).seen_from(&self.measured);
         [seen.x, seen.y, seen.heading]
     }
 

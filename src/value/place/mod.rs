@@ -71,19 +71,19 @@ pub struct Pose {
 }
 
 impl Pose {
-    /// The same pose in the frame of another one: ahead, aside, and the angle between them, −π to π.
-    pub fn seen_from(self, other: Pose) -> Pose {
-        let (sin, cos) = other.heading.sin_cos();
-        let (x, y) = (self.x - other.x, self.y - other.y);
-        let heading = around(self.heading - other.heading + PI) - PI;
-        Pose { x: cos * x + sin * y, y: cos * y - sin * x, heading }
+    /// A pose within this one's frame, seen from outside of it.
+    pub fn then(&self, inner: &Pose) -> Pose {
+        let (sin, cos) = self.heading.sin_cos();
+        let (x, y) = (self.x + cos * inner.x - sin * inner.y, self.y + sin * inner.x + cos * inner.y);
+        Pose { x, y, heading: self.heading + inner.heading }
     }
 
-    /// Where a pose lies that is seen so from this one.
-    pub fn place(self, seen: Pose) -> Pose {
-        let (sin, cos) = self.heading.sin_cos();
-        let (x, y) = (self.x + cos * seen.x - sin * seen.y, self.y + sin * seen.x + cos * seen.y);
-        Pose { x, y, heading: self.heading + seen.heading }
+    /// This pose within another one's frame: what [`then`](Pose::then) leads back from. Its heading is from −π to π.
+    pub fn seen_from(&self, from: &Pose) -> Pose {
+        let (sin, cos) = from.heading.sin_cos();
+        let (x, y) = (self.x - from.x, self.y - from.y);
+        let heading = around(self.heading - from.heading + PI) - PI;
+        Pose { x: cos * x + sin * y, y: cos * y - sin * x, heading }
     }
 }
 

@@ -62,7 +62,7 @@ impl PlaceMap {
         let closures = closures.filter(|(from, to)| from != to).map(|(from, to)| Factor {
             from,
             to,
-            measured: pieces[to].pose.seen_from(pieces[from].pose),
+            measured: pieces[to].pose.seen_from(&pieces[from].pose),
             sigmas: [CLOSURE.0, CLOSURE.0, CLOSURE.1],
             cauchy: Some(CAUCHY),
         });
@@ -81,7 +81,7 @@ impl PlaceMap {
             self.poses[piece.states.clone()]
                 .iter_mut()
                 .flatten()
-                .for_each(|of| *of = pose.place(of.seen_from(piece.pose)));
+                .for_each(|of| *of = pose.then(&of.seen_from(&piece.pose)));
         }
         self.cells = Cells::of(&self.poses);
     }
@@ -106,7 +106,7 @@ impl PlaceMap {
         let (mut to, mut aside, mut turned) = (Pose::default(), LEAST * LEAST, 0.0);
         for step in steps[way].iter().flatten() {
             let (behind, off) = noise.expected(*step, unit);
-            to = to.place(behind);
+            to = to.then(&behind);
             turned += noise.heading * noise.heading;
             aside += off * off + turned * (behind.x * behind.x + behind.y * behind.y);
         }
