@@ -257,7 +257,7 @@ fn shifted(pose: &Pose, node: usize, step: &Mat<f64>) -> Pose {
     Pose::new(pose.position + Vector2::new(at(0), at(1)), pose.heading + at(2))
 }
 
-/// The rigid motion that brings poses nearest to others in the least squares of their positions: what `aligned` maps each pose by.
+/// The rigid motion that brings poses nearest to others in the least squares of their positions: its [`then`](Pose::then) moves each of them.
 ///
 /// # Reference
 /// Umeyama 1991, in the plane and without a scale.

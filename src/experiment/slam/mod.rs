@@ -3,7 +3,7 @@
 //!
 //! The baseline is a classical one: [`chart`] makes a map out of odometry and closures, Monte Carlo localisation ([`PlaceMap`]) finds the
 //! robot on it by the same small images from no knowledge of the place, and values are planned on a lattice of its poses
-//! ([`planned`](super::planned)). Where goals are, both methods learn from the rewards of the walk.
+//! ([`Planner`]). Where goals are, both methods learn from the rewards of the walk.
 
 pub mod chart;
 pub mod graph;
