@@ -148,6 +148,10 @@ fn impossible_graphs_are_refused() {
     assert!(
         PoseGraph::new(two(), vec![flat]).is_err() && PoseGraph::new(vec![pose(f64::NAN, 0.0, 0.0)], vec![]).is_err()
     );
+    // Two pairs that nothing ties to each other: each has its optimum.
+    let pairs = vec![factor(0, 1, pose(1.0, 0.0, 0.3)), factor(2, 3, pose(1.0, 0.0, -0.3))];
+    let mut apart = PoseGraph::new(vec![Pose::default(); 4], pairs).unwrap();
+    assert!(apart.optimise(50, 1e-9).unwrap().cost < 1e-12);
     let mut loose = PoseGraph::new(vec![Pose::default(); 3], vec![factor(0, 1, pose(1.0, 0.0, 0.0))]).unwrap();
     assert!(loose.optimise(10, 1e-9).unwrap_err().to_string().contains("3 nodes and 1 factors"));
 }

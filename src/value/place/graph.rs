@@ -142,7 +142,14 @@ impl PoseGraph {
             loop {
                 let damped = diagonal.iter().enumerate().map(|(i, &of)| Triplet::new(i, i, damping * of));
                 let all: Vec<_> = triplets.iter().copied().chain(damped).collect();
-                let step = self.solve(&all, &gradient, &mut symbolic)?;
+                // Nodes that nothing ties to the first one have no place of their own: damping alone keeps them where they are.
+                let step = match self.solve(&all, &gradient, &mut symbolic) {
+                    Err(_) if damping <= MOST_DAMPING => {
+                        damping *= DAMPING.1;
+                        continue;
+                    }
+                    step => step?,
+                };
                 let moved: Vec<Pose> =
                     self.poses.iter().enumerate().map(|(node, pose)| shifted(pose, node, &step)).collect();
                 let cost = self.cost_at(&moved);

@@ -48,7 +48,7 @@ impl MotionNoise {
         Ok(())
     }
 
-    /// Where a step leads in the mean, from where it began, and by how much that is off; `unit`: length of a move.
+    /// Where a step leads in the mean, from where it began, and the standard deviation of a move, in moves; `unit`: length of a move.
     pub(super) fn expected(self, step: MapStep, unit: f64) -> (Pose, f64) {
         // Mean and standard deviation of a share that is even in a range.
         let even = |of: Range<f64>| (0.5 * (of.start + of.end), (of.end - of.start) / 12f64.sqrt());

@@ -62,7 +62,7 @@ impl PlaceMap {
     }
 
     /// The same from what is known alone: states that are new are placed on the map before, all others once more, and no other map is
-    /// looked for. That takes two ninths of the time. Where next to nothing is known it is as [`new`](PlaceMap::new).
+    /// looked for. That takes a sixth of the sweeps. Where next to nothing is known it is as [`new`](PlaceMap::new).
     ///
     /// # Errors
     /// As `new`.
