@@ -35,6 +35,7 @@
 //! Wehenkel 2005 (fitted Q iteration); Atkeson, Moore & Schaal 1997 (locally weighted regression).
 
 use std::array::from_fn;
+use std::cmp::Ordering;
 use std::ops::Range;
 
 use faer::linalg::matmul::matmul;
@@ -550,6 +551,31 @@ fn rounding(p: usize, x: f64, y: f64) -> f64 {
     }
 }
 
+/// Columns that differ in any bit, by the first of each, and for all columns the number of the one that they equal.
+fn distinct_columns(points: MatRef<'_, f32>) -> (Vec<usize>, Vec<u32>) {
+    let order = |&a: &usize, &b: &usize| {
+        let pairs = points.col(a).iter().zip(points.col(b).iter());
+        pairs.map(|(a, b)| a.total_cmp(b)).find(|order| order.is_ne()).unwrap_or(Ordering::Equal)
+    };
+    let mut sorted: Vec<usize> = (0..points.ncols()).collect();
+    // Stable: the first of equal ones stays the first.
+    sorted.sort_by(order);
+    let mut first: Vec<usize> = vec![0; points.ncols()];
+    for equal in sorted.chunk_by(|a, b| order(a, b).is_eq()) {
+        equal.iter().for_each(|&of| first[of] = equal[0]);
+    }
+    let (mut distinct, mut numbers) = (Vec::new(), Vec::with_capacity(first.len()));
+    for (place, &first) in first.iter().enumerate() {
+        if first == place {
+            distinct.push(place);
+            numbers.push((distinct.len() - 1) as u32);
+        } else {
+            numbers.push(numbers[first]);
+        }
+    }
+    (distinct, numbers)
+}
+
 /// A value from what its neighbours are worth.
 pub(super) fn estimate(near: &[(u32, f64)], worth: &[f64]) -> f64 {
     near.iter().map(|&(place, weight)| weight * worth[place as usize]).sum()
@@ -587,13 +613,15 @@ pub struct LocalOutcomes<'a> {
 #[derive(Debug)]
 pub struct Local<'a> {
     instances: &'a Instances,
-    /// For each transition and action which transitions tell the action's value at its end.
+    /// Number of each transition's end. Several transitions may end in one state.
+    ends: Vec<u32>,
+    /// For each end and action which transitions tell the action's value there.
     after: Vec<Vec<Neighbours>>,
 }
 
 impl<'a> Local<'a> {
-    /// Find the neighbours of the states after each transition, `p × N`. `N²p` products, beside the regressions; what is found
-    /// takes `16 A N` bytes for each neighbour, and does not depend on the number of threads.
+    /// Find the neighbours of the states after each transition, `p × N`. `N N′p` products for `N′` states that differ, beside the
+    /// regressions; what is found takes `16 A N′` bytes for each neighbour, and does not depend on the number of threads.
     ///
     /// # Errors
     /// Another number or dimension of points than there are transitions, values that are not finite.
@@ -602,16 +630,17 @@ impl<'a> Local<'a> {
             return Err(ValueError::Length { what: "the ends", found: ends.ncols(), expected: instances.len() });
         }
         instances.check_points("ends", ends)?;
+        let (distinct, numbers) = distinct_columns(ends);
         let of_block = |number: usize| {
-            let start = number * AT_ONCE;
-            let block = ends.subcols(start, AT_ONCE.min(ends.ncols() - start));
+            let places = &distinct[number * AT_ONCE..distinct.len().min((number + 1) * AT_ONCE)];
+            let block = Mat::from_fn(ends.nrows(), places.len(), |i, j| ends[(i, places[j])]);
             let mut of_action: Vec<_> =
-                (0..instances.counts.len()).map(|a| instances.neighbours(a, block).into_iter()).collect();
+                (0..instances.counts.len()).map(|a| instances.neighbours(a, block.as_ref()).into_iter()).collect();
             let next = |_| of_action.iter_mut().map(|near| near.next().unwrap_or_default()).collect();
             (0..block.ncols()).map(next).collect::<Vec<Vec<Neighbours>>>()
         };
-        let blocks = map_all(ends.ncols().div_ceil(AT_ONCE), of_block);
-        Ok(Local { instances, after: blocks.into_iter().flatten().collect() })
+        let blocks = map_all(distinct.len().div_ceil(AT_ONCE), of_block);
+        Ok(Local { instances, ends: numbers, after: blocks.into_iter().flatten().collect() })
     }
 
     /// What each transition is worth, for one task, as the one column of [`Fit::weights`]: for [`Instances::action_values`].
@@ -636,11 +665,12 @@ impl<'a> Local<'a> {
         let untried = (0..actions).filter(|&a| self.instances.counts[a] == 0).collect();
         let mut fit = Fit { weights: Mat::new(), iterations: 0, converged: false, cycle: None, untried };
         for sweep in 1..=(SWEEPS / (1.0 - gamma)).min(MOST_SWEEPS).ceil() as usize {
+            let values = self.values(&worth);
             let of = |i: usize| {
                 if outcomes.ended[i] {
                     return outcomes.rewards[i];
                 }
-                let (_, next) = self.best_after(outcomes, i, &worth);
+                let (_, next) = self.best_after(outcomes, i, &values);
                 let next = gamma * next;
                 worth_of(outcomes.rewards[i], next, outcomes.bounded[i]).clamp(least, most)
             };
@@ -674,10 +704,10 @@ impl<'a> Local<'a> {
             return Err(ValueError::Length { what: "the weights of the fit", found, expected: n });
         }
         let worth: Vec<f64> = fit.weights.col(0).iter().copied().collect();
+        let values = self.values(&worth);
         // An action that was tried has a nearest transition.
-        let next =
-            |i: usize| self.after[i][self.best_after(outcomes, i, &worth).0].first().map_or(i, |near| near.0 as usize);
-        let next: Vec<usize> = map_all(n, next);
+        let nearest = |i: usize| self.after[self.ends[i] as usize][self.best_after(outcomes, i, &values).0].first();
+        let next: Vec<usize> = (0..n).map(|i| nearest(i).map_or(i, |near| near.0 as usize)).collect();
         let there = |i: usize| outcomes.ended[i] || outcomes.rewards[i] > 0.0;
         let mut arrives: Vec<Option<bool>> = (0..n).map(|i| there(i).then_some(true)).collect();
         for start in 0..n {
@@ -695,13 +725,27 @@ impl<'a> Local<'a> {
         Ok(if going_on.is_empty() { 1.0 } else { arriving as f64 / going_on.len() as f64 })
     }
 
+    /// Values of all actions at each end, `A` for one after the other; −∞ of actions that were never tried.
+    fn values(&self, worth: &[f64]) -> Vec<f64> {
+        let actions = self.instances.counts.len();
+        let of_block = |number: usize| {
+            let ends = &self.after[number * AT_ONCE..self.after.len().min((number + 1) * AT_ONCE)];
+            let of = |near: &Neighbours| if near.is_empty() { f64::NEG_INFINITY } else { estimate(near, worth) };
+            let mut values = Vec::with_capacity(ends.len() * actions);
+            values.extend(ends.iter().flatten().map(of));
+            values
+        };
+        map_all(self.after.len().div_ceil(AT_ONCE), of_block).concat()
+    }
+
     /// The best action that may follow a transition, and its value; of actions that were tried, and of all of these where none that
     /// may follow was.
-    fn best_after(&self, outcomes: &LocalOutcomes<'_>, i: usize, worth: &[f64]) -> (usize, f64) {
+    fn best_after(&self, outcomes: &LocalOutcomes<'_>, i: usize, values: &[f64]) -> (usize, f64) {
+        let actions = self.instances.counts.len();
+        let values = &values[self.ends[i] as usize * actions..][..actions];
         let best = |may: &dyn Fn(usize) -> bool| {
-            let tried = (0..self.instances.counts.len()).filter(|&b| self.instances.counts[b] > 0 && may(b));
-            let values = tried.map(|b| (b, estimate(&self.after[i][b], worth)));
-            values.fold((0, f64::NEG_INFINITY), |best, of| if of.1 > best.1 { of } else { best })
+            let values = values.iter().enumerate().filter(|of| may(of.0));
+            values.fold((0, f64::NEG_INFINITY), |best, of| if *of.1 > best.1 { (of.0, *of.1) } else { best })
         };
         let found = best(&|b| outcomes.allowed[i] & (1 << b) != 0);
         if found.1 == f64::NEG_INFINITY { best(&|_| true) } else { found }
@@ -808,6 +852,23 @@ mod tests {
         let after = Mat::from_fn(1, 22, |_, i| ends[i] as f32);
         let rewards = ends.iter().map(|&x| f64::from(u8::from(x == 10))).collect();
         (points, after, vec![11, 11], rewards)
+    }
+
+    #[test]
+    fn neighbours_of_an_end_are_searched_once() {
+        let (points, after, counts, _) = corridor();
+        let instances = Instances::new(points, counts, OPTIONS).unwrap();
+        let local = Local::new(&instances, after.as_ref()).unwrap();
+        // From 0 to the left, 1 to the left, …; then those to the right that nothing else ends in.
+        let ends: Vec<u32> = (0..22).map(|i| after[(0, i)] as u32).collect();
+        assert_eq!((local.ends, local.after.len()), (ends, 11));
+        let near = |x: f32| instances.neighbours(1, Mat::from_fn(1, 1, |_, _| x).as_ref()).remove(0);
+        assert_eq!(local.after[7][1], near(7.0));
+
+        // All coordinates count, and all bits.
+        let columns =
+            Mat::from_fn(2, 6, |i, j| [[1.0, 1.0, 0.0, 1.0, -0.0, 1.0], [2.0, 3.0, 0.0, 2.0, 0.0, 3.0]][i][j]);
+        assert_eq!(distinct_columns(columns.as_ref()), (vec![0, 1, 2, 4], vec![0, 1, 2, 0, 3, 1]));
     }
 
     #[test]
