@@ -10,6 +10,7 @@ use super::maps::{Way, rooms};
 use super::trained::{Iteration, Sampled, Trained, Training, train, trips};
 use super::{Band, Bench, Cell, Experiment, ExperimentError, Once, Results, Sizes, Table};
 use crate::evaluate::{Evaluator, wilson_low};
+use crate::report::draw::{Axis, Chart, DrawError, Line, SERIES, Stroke};
 use crate::robot::Pose;
 
 /// The experiment.
@@ -118,7 +119,7 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
              that ours arrive more often says little about the method."
                 .into(),
         ],
-        plots: plots(&first, &driven, scope.seeds[0]),
+        plots: plots(&first, &driven, scope.seeds[0])?,
     })
 }
 
@@ -201,7 +202,7 @@ fn single(lab: &Lab, driven: &[Driven], seed: u64) -> Table {
     table
 }
 
-fn plots(lab: &Lab, driven: &[Driven], seed: u64) -> Vec<(String, String)> {
+fn plots(lab: &Lab, driven: &[Driven], seed: u64) -> Result<Vec<(String, String)>, DrawError> {
     let plot = |iteration: Iteration| {
         let of: Vec<(&Driven, Vec<Vec<Pose>>)> = driven
             .iter()
@@ -224,5 +225,28 @@ fn plots(lab: &Lab, driven: &[Driven], seed: u64) -> Vec<(String, String)> {
         rooms(&format!("Trajectories, {}", iteration.name()), lab, &sketches)
     };
     let name = |iteration| if iteration == Iteration::Thesis { "thesis.svg" } else { "ours.svg" };
-    Iteration::BOTH.into_iter().map(|iteration| (name(iteration).to_owned(), plot(iteration))).collect()
+    let ways = Iteration::BOTH.into_iter().map(|iteration| (name(iteration).to_owned(), plot(iteration)));
+    let arrived = arrived_within(driven, lab.scenario.evaluate.max_steps)?;
+    Ok(ways.chain([("arrived.svg".to_owned(), arrived)]).collect())
+}
+
+/// How many of all trajectories have arrived after so many steps, and of the robot's 20 in the end.
+fn arrived_within(driven: &[Driven], most: usize) -> Result<String, DrawError> {
+    let ours = Iteration::BOTH.into_iter().enumerate().map(|(number, iteration)| {
+        let of = || driven.iter().filter(|driven| driven.iteration == iteration).flat_map(|of| &of.trajectories);
+        let within =
+            |steps: usize| (of().filter_map(Trajectory::steps).filter(|&took| took <= steps).count(), of().count());
+        let shares = (0..=most).map(within).collect::<Vec<_>>();
+        (iteration.name().to_owned(), SERIES[number], Stroke::Line, shares)
+    });
+    let robot = ("the thesis's robot, in the end".to_owned(), SERIES[2], Stroke::Dashed, vec![ARRIVED; most + 1]);
+    let line = |(name, colour, stroke, shares): (String, _, _, Vec<(usize, usize)>)| {
+        let points = shares.iter().zip(0..).map(|(of, steps)| (f64::from(steps), of.0 as f64 / of.1 as f64)).collect();
+        let band =
+            shares.iter().zip(0..).map(|(&of, steps)| (f64::from(steps), interval(of).0, interval(of).1)).collect();
+        Line::new(&name, colour, points).drawn(stroke).with_band(band)
+    };
+    let share = Axis::new("share, with 95 % interval").within(0.0, 1.02);
+    let lines = ours.chain([robot]).map(line).collect();
+    Chart::new("Trajectories that have arrived within so many steps", Axis::new("steps"), share, lines).svg()
 }
