@@ -859,7 +859,7 @@ mod tests {
         let (points, after, counts, _) = corridor();
         let instances = Instances::new(points, counts, OPTIONS).unwrap();
         let local = Local::new(&instances, after.as_ref()).unwrap();
-        // From 0 to the left, 1 to the left, …; then those to the right that nothing else ends in.
+        // Numbered as they are met: 0 to 9 on the way to the left, then 10.
         let ends: Vec<u32> = (0..22).map(|i| after[(0, i)] as u32).collect();
         assert_eq!((local.ends, local.after.len()), (ends, 11));
         let near = |x: f32| instances.neighbours(1, Mat::from_fn(1, 1, |_, _| x).as_ref()).remove(0);
