@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::{Arrival, Avoided, Circle, TaskResult, WithoutReflexes, draw_pose, wilson_low};
 use crate::evaluate::{OptimalSteps, reference_action};
-use crate::policy::{Learned, Recent, Reflexes, columns, step_of};
+use crate::policy::{Learned, Recent, Reflexes, columns, step_between};
 use crate::random::{fix_parallelism, stream};
 use crate::robot::{Action, ActionSet, ActionValues, Pose};
 use crate::scenario::{Avoid, ChangeKind, Scenario, Show, Task, in_goal};
@@ -433,7 +433,7 @@ impl Evaluator {
     }
 
     fn act(&self, trial: &mut Trial, action: Action, task: &Task, avoid: &[Circle]) {
-        let from = trial.robot.pose().position;
+        let (from, counted) = (trial.robot.pose().position, trial.robot.odometry());
         let blocked = trial.robot.act(action, &self.scenario, &self.world);
         let pose = trial.robot.pose();
         // Who begins at its edge may have to cross it in order to get away.
@@ -444,7 +444,7 @@ impl Evaluator {
         trial.actions.push(action);
         trial.poses.push(pose);
         trial.recent = trial.recent.then(action, blocked, &self.scenario.robot.actions);
-        trial.step = Some(step_of(&self.scenario.robot.actions, action, blocked));
+        trial.step = Some(step_between(&counted, &trial.robot.odometry()));
         // Where the goal was shown, the agent has to say that it is there.
         trial.arrived = !task.is_shown() && in_goal(task, pose.position);
         trial.ended = trial.arrived;

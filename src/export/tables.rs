@@ -221,7 +221,7 @@ impl Frames {
         self.boundary.push(&[frame.boundary.is_some()])?;
         self.blocked.push(&[frame.boundary.as_ref().is_some_and(|boundary| boundary.blocked)])?;
         self.pose.push(&frame.truth.as_ref().map_or([f64::NAN; 3], planar))?;
-        self.odometry.push(&planar(&frame.odometry))?;
+        self.odometry.push(&frame.odometry.as_ref().map_or([f64::NAN; 3], planar))?;
         let here = |task: usize| frame.marks.iter().any(|mark| mark.task == task && mark.kind == MarkKind::Here);
         self.sonar.push(&sonar)?;
         self.marked.push(&(0..places).map(here).collect::<Vec<bool>>())

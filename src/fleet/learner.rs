@@ -278,7 +278,7 @@ mod tests {
         let driven = |frames: std::ops::Range<u64>, missing: bool| {
             let mut batch = batch(frames, &[], &scenario);
             for (number, sample) in batch.samples.iter_mut().enumerate() {
-                let end = ActionEnd { place: [0.0, 0.0].into(), blocked: false, rewards: Vec::new() };
+                let end = ActionEnd { place: [0.0, 0.0].into(), blocked: false, step: None, rewards: Vec::new() };
                 (sample.boundary, sample.action) = (Some((end, 7)), scenario.robot.actions.get(0));
                 sample.link = (number > 0 || !missing).then_some(Link { dt: 0.2, weight: 5.0 });
             }

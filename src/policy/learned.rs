@@ -9,7 +9,7 @@ use sha2::{Digest, Sha256};
 use super::metric;
 use super::pixel_values::{PixelPoints, PixelValues, PolicyError};
 use super::region::{FloorMap, GoalRegion};
-use crate::robot::{Action, ActionSet, ActionValues, MOST_ACTIONS};
+use crate::robot::{self, Action, ActionSet, ActionValues, MOST_ACTIONS};
 use crate::scenario::hex;
 use crate::slow::SlowModel;
 use crate::value::place::{Belief, GoalPlaces, PlaceMap, PlaceMetric, Pose};
@@ -195,10 +195,17 @@ fn as_point(points: &PixelPoints, observation: &Observation) -> Mat<f32> {
     Mat::from_fn(point.len(), 1, |i, _| point[i] as f32)
 }
 
-/// What an action did to the pose, as far as the robot knows.
+/// What an action was told to do to the pose; how far is not known where something has stopped it.
 pub fn step_of(actions: &ActionSet, action: Action, blocked: bool) -> MapStep {
     let motion = actions.motion(action);
     MapStep { turn: motion.angle, distance: (!blocked).then_some(motion.distance) }
+}
+
+/// What an action did to the pose, by odometry before and behind it: how far along the direction half-way between both headings.
+pub fn step_between(from: &robot::Pose, to: &robot::Pose) -> MapStep {
+    let moved = to.seen_from(from);
+    let (sin, cos) = (0.5 * moved.heading).sin_cos();
+    MapStep { turn: moved.heading, distance: Some(moved.position.x * cos + moved.position.y * sin) }
 }
 
 /// Observations as the columns of a matrix, `d × n`, in the whole numbers that kernels are exact on.

@@ -12,7 +12,7 @@ mod walk;
 
 pub use behaviour::{Behaviour, BehaviourSchedule, Goto, PursuitEnd, Tally};
 pub use directed::Directed;
-pub use learned::{Learned, MOST_PLACES, State, columns, step_of};
+pub use learned::{Learned, MOST_PLACES, State, columns, step_between, step_of};
 pub use metric::points;
 pub use pixel_values::{PixelPoints, PixelValues, PolicyError};
 pub use prospect::{Prospect, Prospects};

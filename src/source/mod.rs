@@ -28,8 +28,8 @@ pub struct Frame {
     /// The true pose, where something measures it (in the simulator a ceiling camera): for goals given by coordinates, evaluation
     /// and plots, never for features.
     pub truth: Option<Pose>,
-    /// Pose by odometry.
-    pub odometry: Pose,
+    /// Pose by odometry, where something measures it; its heading as [`of_log`] has it.
+    pub odometry: Option<Pose>,
     /// Distances of the ring of sonars from the robot's centre, metres, the first straight ahead, counter-clockwise; in the
     /// precision of the log, so that a replay hears the same.
     pub sonar: Vec<f32>,
@@ -47,6 +47,14 @@ pub struct Frame {
     /// Rewards from outside for the action that ends with this frame, by task, not a number where nothing was published; empty
     /// without such tasks, and where no action ends.
     pub rewards: Vec<f64>,
+}
+
+/// A pose in the precision that a log keeps, so that a replay learns from the same: there headings are quaternions, which are exact to
+/// the last bits of a double, but not in them.
+pub(crate) fn of_log(pose: Pose) -> Pose {
+    // The largest one that stays below π.
+    const MOST: f32 = std::f32::consts::PI.next_down();
+    Pose { heading: f64::from((pose.heading as f32).clamp(-MOST, MOST)), ..pose }
 }
 
 /// Somebody says what a task's goal is, or what is to be avoided, while the robot is there.
@@ -172,5 +180,21 @@ pub trait Source {
     /// What came of another program's log so far, if that is where the frames are from.
     fn imported(&self) -> Option<ImportReport> {
         None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::log::messages as msg;
+
+    #[test]
+    fn odometry_is_what_a_log_gives_back_to_the_bit() {
+        for heading in [0.0, 1.0, -2.3, 0.1 + 0.2, std::f64::consts::PI, -std::f64::consts::PI + 1e-12] {
+            let pose = of_log(Pose::new([0.1, -7.3].into(), heading));
+            assert!((pose.heading - heading).abs() < 1e-6);
+            let logged = msg::Pose::planar(pose.position.x, pose.position.y, pose.heading);
+            assert_eq!(of_log(Pose::new(pose.position, logged.heading())), pose);
+        }
     }
 }

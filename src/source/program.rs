@@ -123,7 +123,7 @@ impl Driven {
                 stamp_ns: self.stamp_ns + (1e9 * self.scenario.robot.frame_seconds()) as u64,
                 view: View::Image(image),
                 truth: truth.filter(|_| self.scenario.robot.pose_known),
-                odometry: truth.unwrap_or_default(),
+                odometry: None,
                 sonar: Vec::new(),
                 action,
                 boundary,

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use nalgebra::Point2;
 
-use super::{Boundary, Frame, GoalMove, Journal, Mark, Source, View, parse_goto, parse_mark};
+use super::{Boundary, Frame, GoalMove, Journal, Mark, Source, View, of_log, parse_goto, parse_mark};
 use crate::log::files::FilesReader;
 use crate::log::messages::{
     self as msg, FrameTaken, GoalMoved, Image, LaserScan, Odometry, PoseStamped, RewardGiven, Text,
@@ -150,7 +150,7 @@ impl Recorded {
     fn frame(&self, parts: Sensed, image: Image, stamp_ns: u64) -> Option<Frame> {
         // The pose is not there where nobody knows it.
         let Sensed { pose: truth, odometry, sonar, taken, moved, marks, goto, rewards } = parts;
-        let (odometry, sonar, taken) = (odometry?, sonar?, taken?);
+        let (odometry, sonar, taken) = (odometry.map(of_log), sonar?, taken?);
         let vision = &self.scenario.vision;
         if image.data.len() != vision.values() {
             return None;

@@ -39,6 +39,14 @@ impl Mover {
         }
     }
 
+    /// Where its odometry believes it to be.
+    pub fn odometry(&self) -> Pose {
+        match self {
+            Mover::Disc(robot) => robot.odometry,
+            Mover::Body(live) => live.base().body().odometry().pose,
+        }
+    }
+
     /// What it would see, with distractors so many frames `later`.
     pub fn eye(&self, later: u64) -> Eye {
         match self {

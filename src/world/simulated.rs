@@ -11,7 +11,7 @@ use crate::random::stream;
 use crate::robot::{Action, Pose};
 use crate::scenario::{Scenario, Show, Task, in_goal};
 use crate::snapshot::{Snapshot, SnapshotError};
-use crate::source::{Boundary, Frame, Mark, MarkKind, Source, View};
+use crate::source::{Boundary, Frame, Mark, MarkKind, Source, View, of_log};
 use crate::vision::Image;
 
 /// Simulated time begins on 2000-01-01 00:00 UTC, so that the log of a seed is the same whenever it is run, and viewers that
@@ -53,7 +53,7 @@ impl Simulated {
             stamp_ns: EPOCH_NS + (seconds * 1e9).round() as u64,
             view: View::Image(image),
             truth: self.scenario.robot.pose_known.then_some(self.robot.pose),
-            odometry: self.robot.odometry,
+            odometry: Some(of_log(self.robot.odometry)),
             sonar: self.robot.sonar(&self.world.arena),
             action,
             boundary,

@@ -136,7 +136,8 @@ fn is_docked(frame: &Frame) -> bool {
 
 /// Three poses up to the next frame, none of them at a frame; the first and last frame have some beyond them.
 fn odometry(frame: &Frame, next: Option<&Frame>) -> Vec<Value> {
-    let (a, b) = (&frame.odometry, next.map_or(&frame.odometry, |next| &next.odometry));
+    let a = frame.odometry.unwrap();
+    let b = next.map_or(a, |next| next.odometry.unwrap());
     let at = |share: f64| {
         let stamp = frame.stamp_ns as i64 + (share * 2e8) as i64;
         let share = share.max(0.0);

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use super::messages::{Decision, Item, Percept, TaskOutcomes, Update};
 use super::record::{Level, Recorder};
-use super::saved::{action_of, learned, recent_numbers, recent_of};
+use super::saved::{action_of, learned, recent_numbers, recent_of, step_bits, step_from};
 use super::way::Way;
 use crate::agent::error::RunError;
 use crate::agent::runtime::clock::Clock;
@@ -251,19 +251,21 @@ struct SavedOutcomes {
     in_goal: Vec<bool>,
     #[serde(default)]
     avoided: u64,
+    #[serde(default)]
+    step: Option<(u64, Option<u64>)>,
 }
 
 impl SavedOutcomes {
     fn of(percept: &Percept) -> Self {
-        let TaskOutcomes { rewards, in_goal, avoided, blocked } = percept.outcomes.clone();
+        let TaskOutcomes { rewards, in_goal, avoided, blocked, step } = percept.outcomes.clone();
         let rewards = rewards.into_iter().map(f64::to_bits).collect();
-        SavedOutcomes { blocked, rewards, in_goal, avoided: avoided.to_bits() }
+        SavedOutcomes { blocked, rewards, in_goal, avoided: avoided.to_bits(), step: step.map(step_bits) }
     }
 
     fn outcomes(self) -> TaskOutcomes {
         let rewards = self.rewards.into_iter().map(f64::from_bits).collect();
-        let avoided = f64::from_bits(self.avoided);
-        TaskOutcomes { rewards, in_goal: self.in_goal, avoided, blocked: self.blocked }
+        let (avoided, step) = (f64::from_bits(self.avoided), self.step.map(step_from));
+        TaskOutcomes { rewards, in_goal: self.in_goal, avoided, blocked: self.blocked, step }
     }
 }
 

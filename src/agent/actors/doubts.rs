@@ -81,7 +81,7 @@ mod tests {
         let seen = |frame: u64, pixel: u8| Arc::new(Observation { frame, pixels: vec![pixel] });
         let transition = |j: usize| {
             let in_goal = vec![j < goals];
-            let result = TaskOutcomes { rewards: vec![0.0], in_goal, avoided: 0.0, blocked };
+            let result = TaskOutcomes { rewards: vec![0.0], in_goal, avoided: 0.0, blocked, step: None };
             let to = if j < 2 * unchanged { 1 } else { 2 };
             let (from, to) = (seen(j as u64, 1), seen(j as u64 + 1, to));
             // A move, then a turn.

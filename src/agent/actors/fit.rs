@@ -142,8 +142,14 @@ impl FitPolicies {
         }
         let (robot, place) = (&self.scenario.robot, &projected.place);
         let before: Vec<Option<Pose>> = place.keys().map(|frame| self.poses.get(frame).copied()).collect();
-        let noise = if robot.body == Body::Program { MotionNoise::PLAYER } else { MotionNoise::ROBOT };
-        let (steps, points) = (projected.steps(&robot.actions, window), points.clone());
+        // Where the robot counts what it does, that is far more exact than what it was told to do.
+        let (noise, steps) = if window.iter().all(|t| t.result.step.is_some()) {
+            (MotionNoise::measured(robot.odometry_noise), projected.steps(window, |t| t.result.step))
+        } else {
+            let noise = if robot.body == Body::Program { MotionNoise::PLAYER } else { MotionNoise::ROBOT };
+            (noise, projected.steps(window, told(&robot.actions)))
+        };
+        let points = points.clone();
         let series = |frame: u64| frame / SERIES;
         let new = place.keys().filter(|&&frame| {
             let first = series(frame) * SERIES;
@@ -377,6 +383,11 @@ impl<'a> Tried<'a> {
     }
 }
 
+/// What the action of a transition was told to do.
+fn told(actions: &ActionSet) -> impl Fn(&TaskTransition) -> Option<MapStep> {
+    |t| actions.get(t.action).map(|action| step_of(actions, action, t.result.blocked))
+}
+
 /// What would have followed if an action had been undone by its inverse: the robot would be where it came from, and that is what the
 /// transition before had come to. Nothing is known where a program has rewarded that, as it may have rewarded the action and not the
 /// place, nor where the picture has not changed: something may have stopped the robot without a word. Cells are of the state behind, as
@@ -473,7 +484,7 @@ impl Shown {
         let known = match marks.is_empty() {
             true => None,
             false => {
-                let steps = projected.steps(&scenario.robot.actions, window);
+                let steps = projected.steps(window, told(&scenario.robot.actions));
                 let map = MetricMap::new(projected.phi.as_ref(), all.as_ref(), &steps, local_options(scenario));
                 map.map_err(text)?
             }
@@ -625,13 +636,17 @@ impl Projection {
         seen.into_values().collect()
     }
 
-    /// What the robot did from each observation to the next one.
-    fn steps(&self, actions: &ActionSet, window: &[TaskTransition]) -> Vec<Option<MapStep>> {
+    /// What the robot did from each observation to the next one, from what a transition says of that.
+    fn steps(
+        &self,
+        window: &[TaskTransition],
+        step: impl Fn(&TaskTransition) -> Option<MapStep>,
+    ) -> Vec<Option<MapStep>> {
         let mut steps = vec![None; self.phi.ncols().saturating_sub(1)];
         for t in window {
             let (from, to) = (self.place[&t.from.frame], self.place[&t.to.frame]);
-            if let (true, Some(action)) = (to == from + 1, actions.get(t.action)) {
-                steps[from] = Some(step_of(actions, action, t.result.blocked));
+            if to == from + 1 {
+                steps[from] = step(t);
             }
         }
         steps
@@ -657,7 +672,8 @@ mod tests {
         let seen = |frame: u64| Arc::new(Observation { frame, pixels: vec![frame.min(9) as u8] });
         let transition = |from: u64, to: u64, action: usize, blocked: bool| {
             let rewards = vec![to as f64, 0.0];
-            let result = TaskOutcomes { rewards, in_goal: vec![to == 2, false], avoided: -(to as f64), blocked };
+            let result =
+                TaskOutcomes { rewards, in_goal: vec![to == 2, false], avoided: -(to as f64), blocked, step: None };
             TaskTransition { from: seen(from), action, allowed: 7, result, to: seen(to), cell: from as usize }
         };
         // Forward, left, right: a move is not undone, nor a turn whose beginning nobody knows, nor one that was blocked, nor one that
@@ -702,7 +718,7 @@ mod tests {
         let seen = |frame: u64| Arc::new(Observation { frame, pixels: vec![frame as u8] });
         let transition = |from: u64, action: usize| {
             let rewards = vec![from as f64, 0.0];
-            let result = TaskOutcomes { rewards, in_goal: vec![false; 2], avoided: 0.0, blocked: false };
+            let result = TaskOutcomes { rewards, in_goal: vec![false; 2], avoided: 0.0, blocked: false, step: None };
             TaskTransition { from: seen(from), action, allowed: 7, result, to: seen(from + 1), cell: 0 }
         };
         // Two turns to the left and a move.

@@ -8,7 +8,7 @@ use crate::policy::{Behaviour, Goto, Learned, Prospect, PursuitEnd, Recent};
 use crate::robot::{Action, ActionValues};
 use crate::slow::{Moments, SlowModel};
 use crate::value::place::Pose;
-use crate::value::{Fit, Transition};
+use crate::value::{Fit, MapStep, Transition};
 use crate::vision::Observation;
 
 /// What goes from actor to actor: its work, and between two actions now and then the state of the run.
@@ -30,6 +30,8 @@ pub struct TaskOutcomes {
     pub avoided: f64,
     /// Whether a wall stopped the robot.
     pub blocked: bool,
+    /// What odometry says that the action did.
+    pub step: Option<MapStep>,
 }
 
 /// From perceive to act: what was seen at the end of an action.

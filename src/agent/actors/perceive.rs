@@ -16,12 +16,12 @@ use crate::agent::runtime::marker::Quiescence;
 use crate::agent::runtime::queue::{Closed, Inbox, Outbox};
 use crate::agent::runtime::status::Status;
 use crate::agent::runtime::timing::ModelTiming;
-use crate::policy::{Recent, Reflexes};
-use crate::robot::ActionSet;
+use crate::policy::{Recent, Reflexes, step_between};
+use crate::robot::{ActionSet, Pose};
 use crate::scenario::{Plan, Scenario};
 use crate::slow::Link;
 use crate::snapshot::{Persist, Snapshot, SnapshotError};
-use crate::source::{Frame, GoalMove, Mark, View};
+use crate::source::{Boundary, Frame, GoalMove, Mark, View};
 use crate::vision::{Observation, Observer};
 
 /// What a frame shows.
@@ -44,6 +44,8 @@ pub struct Perceive {
     observer: Observer,
     tasks: Arc<Tasks>,
     last_number: Option<u64>,
+    /// Odometry at the end of the action before.
+    stood: Option<Pose>,
     reflexes: Reflexes,
     actions: ActionSet,
     /// What the reflexes are to know of the actions so far.
@@ -66,6 +68,7 @@ impl Perceive {
             timing,
             observer: Observer::default(),
             last_number: None,
+            stood: None,
             recent: Recent::default(),
             asked: Vec::new(),
             marking: false,
@@ -101,7 +104,11 @@ impl Perceive {
             let after = |action| self.recent.then(action, boundary.blocked, &self.actions);
             self.recent = frame.action.map_or(Recent::default(), after);
         }
-        let end = frame.boundary.map(|boundary| ActionEnd { place, blocked: boundary.blocked, rewards: frame.rewards });
+        let step = frame.action.and_then(|_| Some(step_between(&self.stood?, &frame.odometry?)));
+        if frame.boundary.is_some() {
+            self.stood = frame.odometry;
+        }
+        let end = frame.boundary.map(|Boundary { blocked }| ActionEnd { place, blocked, step, rewards: frame.rewards });
         self.last_number = Some(frame.number);
         self.frames += 1;
         let moved = match &end {
@@ -141,6 +148,10 @@ impl Persist for Perceive {
         let tasks = Arc::make_mut(&mut self.tasks);
         snapshot.inner("tasks", tasks)?;
         snapshot.value("last_number", &mut self.last_number)?;
+        let mut stood = self.stood.map(|pose| [pose.position.x, pose.position.y, pose.heading].map(f64::to_bits));
+        snapshot.value("stood", &mut stood)?;
+        self.stood =
+            stood.map(|bits| bits.map(f64::from_bits)).map(|[x, y, heading]| Pose::new([x, y].into(), heading));
         let mut recent = recent_numbers(self.recent);
         snapshot.value("recent", &mut recent)?;
         self.recent = recent_of(snapshot, recent)?;
@@ -241,8 +252,7 @@ impl PerceiveLoop<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::robot::{Action, Pose};
-    use crate::source::Boundary;
+    use crate::robot::Action;
 
     #[test]
     fn percepts_know_the_turn_before_a_push_until_a_recording_is_interrupted() {
@@ -264,7 +274,7 @@ mod tests {
                 stamp_ns: number,
                 view,
                 truth,
-                odometry: pose,
+                odometry: Some(Pose::new(Point2::new(0.0, 0.1 * number as f64), 0.2 * number as f64)),
                 sonar,
                 action,
                 boundary,
@@ -274,8 +284,12 @@ mod tests {
                 rewards,
             }
         };
+        let mut steps = Vec::new();
         let mut see = |frame| {
             let perceived = perceive.step(frame);
+            let end = &perceived.seen.sample.boundary.as_ref().unwrap().0;
+            assert_eq!(end.step, perceived.percept.as_ref().unwrap().outcomes.step);
+            steps.push(end.step);
             (perceived.percept.unwrap().recent, perceived.seen.sample.boundary)
         };
         assert_eq!(see(frame(0, None, false)).0, Recent::default());
@@ -292,6 +306,17 @@ mod tests {
         again.persist(&mut Snapshot::restoring(snapshot.matrices, snapshot.texts)).unwrap();
         assert_eq!(again.recent, recent);
 
-        assert_eq!(again.step(frame(3, None, false)).percept.unwrap().recent, Recent::default());
+        // Each is told by odometry what it did; nothing is known of what was before the first, nor of an interruption.
+        let behind = again.step(frame(3, Some(Action::TURN_LEFT), false)).percept.unwrap();
+        steps.push(behind.outcomes.step);
+        assert_eq!(steps[0], None);
+        for (step, heading) in steps[1..].iter().flatten().zip([0.0f64, 0.2, 0.4]) {
+            // Straight to the left of where it stood first, 0.1 m.
+            let along = 0.1 * (heading + 0.1).sin();
+            assert!((step.turn - 0.2).abs() < 1e-12 && (step.distance.unwrap() - along).abs() < 1e-12, "{step:?}");
+        }
+        assert_eq!(steps.iter().flatten().count(), 3);
+        let interrupted = again.step(frame(4, None, false)).percept.unwrap();
+        assert_eq!((interrupted.recent, interrupted.outcomes.step), (Recent::default(), None));
     }
 }

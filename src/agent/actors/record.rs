@@ -112,13 +112,15 @@ impl Recorder {
             let pose = msg::PoseStamped { header: header("map"), pose: planar(truth) };
             self.write(topics::POSE, number, stamp, pose)?;
         }
-        let odometry = msg::Odometry {
-            header: header("odom"),
-            child_frame_id: "base_link".into(),
-            pose: msg::PoseWithCovariance { pose: planar(&frame.odometry), ..Default::default() },
-            ..Default::default()
-        };
-        self.write(topics::ODOMETRY, number, stamp, odometry)?;
+        if let Some(odometry) = &frame.odometry {
+            let odometry = msg::Odometry {
+                header: header("odom"),
+                child_frame_id: "base_link".into(),
+                pose: msg::PoseWithCovariance { pose: planar(odometry), ..Default::default() },
+                ..Default::default()
+            };
+            self.write(topics::ODOMETRY, number, stamp, odometry)?;
+        }
         let reach = self.scenario.robot.sonar_range as f32;
         let increment = std::f32::consts::TAU / frame.sonar.len() as f32;
         let sonar = msg::LaserScan {

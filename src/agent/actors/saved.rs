@@ -13,7 +13,7 @@ use crate::robot::{Action, MOST_ACTIONS};
 use crate::slow::{Link, SlowModel};
 use crate::snapshot::{Snapshot, SnapshotError};
 use crate::value::place::{GoalPlaces, PlaceMetric};
-use crate::value::{Instances, LocalOptions};
+use crate::value::{Instances, LocalOptions, MapStep};
 use crate::vision::Observation;
 
 /// What was learned.
@@ -195,6 +195,16 @@ pub fn link_bits(link: Link) -> (u64, u64) {
 /// A link from its bits.
 pub fn link_of((dt, weight): (u64, u64)) -> Link {
     Link { dt: f64::from_bits(dt), weight: f64::from_bits(weight) }
+}
+
+/// Bits of a step.
+pub fn step_bits(step: MapStep) -> (u64, Option<u64>) {
+    (step.turn.to_bits(), step.distance.map(f64::to_bits))
+}
+
+/// A step from its bits.
+pub fn step_from((turn, distance): (u64, Option<u64>)) -> MapStep {
+    MapStep { turn: f64::from_bits(turn), distance: distance.map(f64::from_bits) }
 }
 
 /// Bits of a place.

@@ -9,7 +9,7 @@ use super::saved::wrong;
 use crate::scenario::{Avoid, ChangeKind, Plan, Scenario, Task, in_goal};
 use crate::snapshot::{Persist, Snapshot, SnapshotError};
 use crate::source::{GoalMove, Mark, MarkKind};
-use crate::value::{Transition, Window};
+use crate::value::{MapStep, Transition, Window};
 use crate::vision::Observation;
 
 /// How an action ended.
@@ -19,6 +19,8 @@ pub struct ActionEnd {
     pub place: Point2<f64>,
     /// Whether a wall stopped the robot.
     pub blocked: bool,
+    /// What odometry says that the action did.
+    pub step: Option<MapStep>,
     /// Rewards from outside, see [`Frame::rewards`](crate::source::Frame::rewards).
     pub rewards: Vec<f64>,
 }
@@ -161,7 +163,7 @@ impl Tasks {
 
     /// What an action that ended so is worth to the tasks as they are now. What it is worth to tasks whose goals are shown follows from features, when policies are fitted: until then it is not a number.
     pub fn outcomes_of(&self, end: &ActionEnd) -> TaskOutcomes {
-        let ActionEnd { place, blocked, rewards } = end;
+        let ActionEnd { place, blocked, step, rewards } = end;
         let from_outside =
             |number: usize| rewards.get(number).copied().filter(|reward| reward.is_finite()).unwrap_or(0.0);
         let outcome = |(number, task): (usize, &Task)| match &task.topic {
@@ -172,7 +174,7 @@ impl Tasks {
         let (rewards, in_goal) = self.tasks.iter().enumerate().map(outcome).unzip();
         let by_pose = self.avoids.iter().filter(|avoid| avoid.within.is_none());
         let avoided = by_pose.filter_map(|avoid| Some(avoid.reward_at(self.depth(*place, avoid.at?, avoid.radius))));
-        TaskOutcomes { rewards, in_goal, avoided: avoided.sum(), blocked: *blocked }
+        TaskOutcomes { rewards, in_goal, avoided: avoided.sum(), blocked: *blocked, step: *step }
     }
 
     /// How deep in an area a place lies: 1 at its centre, 0 where it ends and farther away. It ends a little beyond the radius: where
@@ -268,7 +270,9 @@ mod tests {
         let scenario = Scenario::parse(text, std::path::Path::new("area.toml"), &[]).unwrap();
         let tasks = Tasks::new(&scenario, Arc::new(Plan::new(&scenario).unwrap()));
         let avoided = |x: f64, y: f64| {
-            tasks.outcomes_of(&ActionEnd { place: Point2::new(x, y), blocked: false, rewards: Vec::new() }).avoided
+            tasks
+                .outcomes_of(&ActionEnd { place: Point2::new(x, y), blocked: false, step: None, rewards: Vec::new() })
+                .avoided
         };
         assert_eq!(avoided(1.0, 1.0), -8.0);
         assert!(avoided(1.15, 1.199) < 0.0 && avoided(1.15, 1.201) == 0.0, "half a move beside the circle's edge");

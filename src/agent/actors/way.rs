@@ -3,12 +3,13 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use super::messages::Percept;
-use super::saved::{Observations, action_of, wrong};
+use super::messages::{Percept, TaskOutcomes};
+use super::saved::{Observations, step_bits, step_from, wrong};
 use crate::policy::{Learned, State, step_of};
-use crate::robot::{Action, ActionSet};
+use crate::robot::ActionSet;
 use crate::scenario::Scenario;
 use crate::snapshot::{Persist, Snapshot, SnapshotError};
+use crate::value::MapStep;
 use crate::value::place::Belief;
 use crate::vision::Observation;
 
@@ -25,16 +26,15 @@ pub struct Way {
     percepts: VecDeque<Passed>,
 }
 
-/// What was seen, and the action that led there: whether something blocked it; `None` where nothing is known of it. Whether it was in
-/// the goals, by task.
+/// What was seen, and the step that led there; `None` where nothing is known of it. Whether it was in the goals, by task.
 struct Passed {
     observation: Arc<Observation>,
-    came_by: Option<(Action, bool)>,
+    step: Option<MapStep>,
     in_goal: Vec<Option<bool>>,
 }
 
-/// The same in a snapshot, by the frame of what was seen and the number of the action.
-type SavedPassed = (u64, Option<(usize, bool)>, Vec<Option<bool>>);
+/// The same in a snapshot, by the frame of what was seen and the bits of the step.
+type SavedPassed = (u64, Option<(u64, Option<u64>)>, Vec<Option<bool>>);
 
 impl Way {
     /// Before the first percept.
@@ -51,15 +51,15 @@ impl Way {
     /// Find out where it is on the map of a new model: the last part of the way once more.
     pub fn find_again(&mut self, learned: &Learned) {
         self.belief = None;
-        for Passed { observation, came_by, in_goal } in &self.percepts {
-            let step = came_by.map(|(action, blocked)| step_of(&self.actions, action, blocked));
-            learned.state_on_way(observation, &mut self.belief, step, in_goal);
+        for Passed { observation, step, in_goal } in &self.percepts {
+            learned.state_on_way(observation, &mut self.belief, *step, in_goal);
         }
     }
 
     /// Come to a percept, and what a model makes of it.
     pub fn state<'a>(&'a mut self, learned: Option<&'a Learned>, percept: &'a Percept) -> Option<State<'a>> {
-        let came_by = percept.action.map(|action| (action, percept.outcomes.blocked));
+        let TaskOutcomes { blocked, step, .. } = percept.outcomes;
+        let step = percept.action.map(|action| step.unwrap_or_else(|| step_of(&self.actions, action, blocked)));
         let in_goal: Vec<Option<bool>> = percept.outcomes.in_goal.iter().copied().map(Some).collect();
         if self.is_kept {
             if self.percepts.len() == LENGTH {
@@ -67,11 +67,10 @@ impl Way {
             }
             self.percepts.push_back(Passed {
                 observation: percept.observation.clone(),
-                came_by,
+                step,
                 in_goal: in_goal.clone(),
             });
         }
-        let step = came_by.map(|(action, blocked)| step_of(&self.actions, action, blocked));
         learned.map(|learned| learned.state_on_way(&percept.observation, &mut self.belief, step, &in_goal))
     }
 
@@ -87,22 +86,15 @@ impl Way {
 impl Persist for Way {
     fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
         let mut seen = Observations::default();
-        let passed = |of: &Passed| {
-            let came_by = of.came_by.map(|(action, blocked)| (action.index(), blocked));
-            (seen.add(&of.observation), came_by, of.in_goal.clone())
-        };
+        let passed = |of: &Passed| (seen.add(&of.observation), of.step.map(step_bits), of.in_goal.clone());
         let mut percepts: Vec<SavedPassed> = self.percepts.iter().map(passed).collect();
         snapshot.value("percepts", &mut percepts)?;
         seen.persist(snapshot, self.values)?;
         if snapshot.is_restoring() {
             self.percepts.clear();
-            for (frame, came_by, in_goal) in percepts {
-                let came_by = came_by.map(|(number, blocked)| Ok((action_of(snapshot, number)?, blocked)));
-                self.percepts.push_back(Passed {
-                    observation: seen.get(frame)?,
-                    came_by: came_by.transpose()?,
-                    in_goal,
-                });
+            for (frame, step, in_goal) in percepts {
+                let (observation, step) = (seen.get(frame)?, step.map(step_from));
+                self.percepts.push_back(Passed { observation, step, in_goal });
             }
         }
         Ok(())

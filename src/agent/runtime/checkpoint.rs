@@ -239,7 +239,7 @@ pub fn read_checkpoint(bytes: &[u8], path: &Path) -> Result<(Learned, Scenario),
         return Err(damaged(format!("it has {} goals for {places} tasks", goals.len())));
     }
     // Places are not told in the checkpoints of earlier versions.
-    let metric = metadata.get("place_metric").map(|text| serde_json::from_str::<Option<[u64; 5]>>(text));
+    let metric = metadata.get("place_metric").map(|text| serde_json::from_str::<Option<[u64; 6]>>(text));
     let metric = metric.transpose().map_err(|e| damaged(format!("place_metric: {e}")))?.flatten();
     let metric = metric.map(PlaceMetric::from_bits);
     let learned = match instances {

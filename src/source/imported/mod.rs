@@ -25,14 +25,13 @@ pub use topics::{ImportError, LogContents, Roles, Seen, stamp_ns};
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use nalgebra::Point2;
 use serde::Serialize;
 
 use self::actions::RecordedActions;
 use self::senses::{Sensed, Senses};
 use super::{Boundary, Frame, Rule, Segment, Segmenter, Source, Step, View};
 use crate::log::FilesReader;
-use crate::robot::{Action, Pose};
+use crate::robot::Action;
 use crate::scenario::Scenario;
 
 /// Most frames that an action of a scenario may have.
@@ -317,7 +316,7 @@ impl Imported {
             // It is given once: only its pose is needed again.
             view: View::Observation(std::mem::take(&mut sensed.pixels)),
             truth: sensed.pose.filter(|_| self.scenario.robot.pose_known),
-            odometry: sensed.pose.unwrap_or(Pose::new(Point2::origin(), 0.0)),
+            odometry: None,
             sonar: std::mem::take(&mut sensed.sonar),
             action,
             boundary: ends.map(|blocked| Boundary { blocked }),

@@ -21,7 +21,7 @@ use crate::robot::{
 };
 use crate::scenario::{Equipment, Motion, Scenario};
 use crate::snapshot::{Snapshot, SnapshotError};
-use crate::source::{Boundary, Frame, Mark, Rule, Segmenter, View};
+use crate::source::{Boundary, Frame, Mark, Rule, Segmenter, View, of_log};
 use crate::vision::Image;
 
 /// Poses that are kept for images that come in later than these, nanoseconds.
@@ -506,7 +506,7 @@ impl Drive {
             stamp_ns,
             view: View::Image(image),
             truth,
-            odometry,
+            odometry: Some(of_log(odometry)),
             sonar,
             action,
             boundary,

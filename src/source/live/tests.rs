@@ -228,7 +228,7 @@ fn frames_come_at_their_interval_and_each_action_ends_with_one_of_a_robot_that_s
         assert_eq!(end.0, Some(*action));
     }
     // One after the other they lead where all of them do.
-    let driven = frames.last().unwrap().odometry;
+    let driven = frames.last().unwrap().odometry.unwrap();
     let mut wanted = Pose::new(Point2::origin(), 0.0);
     for action in ACTIONS.iter().cycle().take(40) {
         let turn = [0.0, std::f64::consts::FRAC_PI_4, -std::f64::consts::FRAC_PI_4][action.index()];
@@ -239,7 +239,7 @@ fn frames_come_at_their_interval_and_each_action_ends_with_one_of_a_robot_that_s
     assert!((driven.position - wanted.position).norm() < 0.3, "{driven:?} {wanted:?}");
     let poses = frames.iter().all(|frame| {
         let truth = frame.truth.unwrap();
-        (truth.position - frame.odometry.position).norm() < 0.02
+        (truth.position - frame.odometry.unwrap().position).norm() < 0.02
     });
     assert!(poses, "poses are those of the images");
 }

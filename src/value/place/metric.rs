@@ -23,13 +23,20 @@ const STOPPED: Range<f64> = 0.0..1.0;
 /// Share of the moves that a wall has stopped at once: the robot stood before it already.
 const STANDS: f64 = 0.5;
 
-/// How inexactly actions are executed.
+/// No robot counts better than by this share of what it does.
+const LEAST_SHARE: f64 = 0.01;
+/// Where it goes straight on, its heading is wrong by so many radians for a whole of that.
+const BENDS: f64 = 0.25;
+
+/// How inexactly actions are executed, or is known what they did.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MotionNoise {
     /// Standard deviation of the length of a move, as a share of it, 0 to 1.
     pub length: f64,
     /// Standard deviation of the heading behind a step, radians, 0 to 1.
     pub heading: f64,
+    /// The same of what a step turns it by, as a share of that, 0 to 1.
+    pub turning: f64,
     /// Probability that a move slides along a wall, 0 to 1: it goes any part of its way, up to 60° aside. One that a wall has stopped
     /// may then have slid as well.
     pub slides: f64,
@@ -37,15 +44,27 @@ pub struct MotionNoise {
 
 impl MotionNoise {
     /// A robot whose actions are closed-loop motions.
-    pub const ROBOT: MotionNoise = MotionNoise { length: 0.06, heading: 0.025, slides: 0.0 };
+    pub const ROBOT: MotionNoise = MotionNoise { length: 0.06, heading: 0.025, turning: 0.0, slides: 0.0 };
+    /// A robot that counts what it does, wrong by such a share of it.
+    pub fn measured(share: f64) -> MotionNoise {
+        let share = share.clamp(LEAST_SHARE, 1.0);
+        MotionNoise { length: share, heading: BENDS * share, turning: share, slides: 0.0 }
+    }
+
     /// A player in a game: it turns exactly and slides along walls.
-    pub const PLAYER: MotionNoise = MotionNoise { length: 0.12, heading: 0.0, slides: 0.4 };
+    pub const PLAYER: MotionNoise = MotionNoise { length: 0.12, heading: 0.0, turning: 0.0, slides: 0.4 };
 
     pub(super) fn check(self) -> Result<(), ValueError> {
-        for (name, value) in [("length", self.length), ("heading", self.heading), ("slides", self.slides)] {
+        let MotionNoise { length, heading, turning, slides } = self;
+        for (name, value) in [("length", length), ("heading", heading), ("turning", turning), ("slides", slides)] {
             parameter(name, value, (0.0..=1.0).contains(&value), "0 to 1")?;
         }
         Ok(())
+    }
+
+    /// Standard deviation of the heading behind a step, radians.
+    pub(super) fn turned(self, step: MapStep) -> f64 {
+        self.heading.hypot(self.turning * step.turn)
     }
 
     /// Where a step leads in the mean, from where it began, and the standard deviation of a move, in moves; `unit`: length of a move.
@@ -71,7 +90,7 @@ impl MotionNoise {
     /// Where a step may have led; `unit`: length of a move.
     pub(super) fn after(self, pose: Pose, step: MapStep, unit: f64, rng: &mut impl Rng) -> Pose {
         let [heading_off, longer] = [(); 2].map(|()| -> f64 { StandardNormal.sample(rng) });
-        let heading = pose.heading + step.turn + self.heading * heading_off;
+        let heading = pose.heading + step.turn + self.turned(step) * heading_off;
         let (share, aside) = match step.distance {
             Some(0.0) => (0.0, 0.0),
             Some(_) if rng.random_range(0.0..1.0) < self.slides => {
@@ -118,14 +137,14 @@ impl PlaceMetric {
     }
 
     /// Everything of it, bit by bit.
-    pub fn to_bits(self) -> [u64; 5] {
-        let MotionNoise { length, heading, slides } = self.noise;
-        [length, heading, slides, self.unit, self.width].map(f64::to_bits)
+    pub fn to_bits(self) -> [u64; 6] {
+        let MotionNoise { length, heading, turning, slides } = self.noise;
+        [length, heading, turning, slides, self.unit, self.width].map(f64::to_bits)
     }
 
     /// What these were the bits of; a map checks it.
-    pub fn from_bits(bits: [u64; 5]) -> Self {
-        let [length, heading, slides, unit, width] = bits.map(f64::from_bits);
-        PlaceMetric { noise: MotionNoise { length, heading, slides }, unit, width }
+    pub fn from_bits(bits: [u64; 6]) -> Self {
+        let [length, heading, turning, slides, unit, width] = bits.map(f64::from_bits);
+        PlaceMetric { noise: MotionNoise { length, heading, turning, slides }, unit, width }
     }
 }

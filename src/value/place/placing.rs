@@ -94,9 +94,7 @@ impl PlaceMap {
             let numbers = [("x", pose.x), ("y", pose.y), ("heading", pose.heading)];
             numbers.into_iter().try_for_each(|(name, value)| parameter(name, value, value.is_finite(), "finite"))?;
         }
-        let moves: Vec<f64> = steps.iter().flatten().filter_map(|step| step.distance.filter(|d| *d != 0.0)).collect();
-        let Some(width) = width(points.as_ref()).filter(|_| !moves.is_empty()) else { return Ok(None) };
-        let unit = moves.iter().map(|distance| distance.abs()).sum::<f64>() / moves.len() as f64;
+        let (Some(width), Some(unit)) = (width(points.as_ref()), length_of_move(steps)) else { return Ok(None) };
         let mut map = PlaceMap::begin(points, vec![None; n], PlaceMetric { noise, unit, width });
         place(&mut map, steps, (before, anew));
         Ok(Some(map))
@@ -263,6 +261,16 @@ impl<'a> Track<'a> {
         }
         self.trail.drain(..count);
     }
+}
+
+/// The median length of moves that are half as long as the longest one or longer: measured ones that a wall has stopped are shorter,
+/// and measured turns move a robot a little. `None`: there are no moves.
+fn length_of_move(steps: &[Option<MapStep>]) -> Option<f64> {
+    let lengths = steps.iter().flatten().filter_map(|step| step.distance).map(f64::abs);
+    let longest = lengths.clone().fold(0.0, f64::max);
+    let mut moves: Vec<f64> = lengths.filter(|&length| length > 0.0 && length >= 0.5 * longest).collect();
+    let middle = moves.len() / 2;
+    (!moves.is_empty()).then(|| *moves.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
 /// Stretches of states with a step between any two of them.

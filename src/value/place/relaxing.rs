@@ -2,35 +2,42 @@
 //!
 //! A map that grew behind the robot keeps the turns that were wrong while it grew: corridors are bent, and rooms on both sides of a wall
 //! overlap. Where a robot has come back to, it is right on the small scale. So the way is cut into pieces that stay as they are; steps
-//! tell how each lies from the one before, and states that are near each other on the map and look alike tell how theirs lie to each
-//! other. The poses of the pieces that contradict all of that least are the new map.
+//! tell how each lies from the one before, and a state that looks like others around it says that its piece lies where these are. The
+//! poses of the pieces that contradict all of that least are the new map. At first states are asked that are far around: that closes
+//! loops which are open by some moves, and lays on each other what stands on the map twice. Then nearer ones tell more exactly.
 //!
 //! # Reference
 //! Lu & Milios 1997 (consistent pose estimation); Agarwal et al. 2013 (closures that are wrong count little).
 
 use std::ops::Range;
 
+use super::goals::SIDE;
 use super::graph::{Factor, PoseGraph};
 use super::states::{BESIDE, Cells, PlaceMap, beside, cell};
 use super::{PlaceMetric, Pose, turned};
+use crate::kernel::products::map_all;
 use crate::value::MapStep;
 
 /// States of a piece.
 const PIECE: usize = 10;
-/// States tell how their pieces lie to each other that are this near, moves and radians; so many squares of the map are as far.
-const NEAR: (f64, f64) = (1.5, 0.4);
-const REACH: i32 = 3;
+/// How near states are that may have been in one place, moves: rounds, one after another. Rooms that look alike are farther away.
+const NEAR: [f64; 5] = [8.0, 6.0, 4.0, 3.0, 2.0];
+/// Where it is not known how long steps are but for more than this share, the last round is all: states that are far away would count more
+/// than steps.
+const EXACT: f64 = 0.05;
+/// How far they may be turned to each other, radians.
+const TURNED: f64 = 0.4;
 /// They look alike by at least this, and those that look most alike are asked, so many for each piece.
 const ALIKE: f64 = 0.3;
 const MOST: usize = 4;
-/// Standard deviations of what these tell, moves and radians.
-const CLOSURE: (f64, f64) = (0.7, 0.1);
+/// Standard deviations of what these tell, moves and radians; where they lie apart, as along a corridor, it is more.
+const CLOSURE: (f64, f64) = (1.0, 0.2);
 /// From so many standard deviations on, what is known counts less and less: some states were taken for others, and a way on which the robot
 /// got lost goes on elsewhere.
 const CAUCHY: f64 = 3.0;
 /// Standard deviations of where a piece lies behind the one before, however exact its steps are: moves and radians.
-const LEAST: f64 = 0.1;
-const LEAST_TURN: f64 = 0.02;
+const LEAST: f64 = 0.03;
+const LEAST_TURN: f64 = 0.01;
 /// Steps of the optimisation at most, and the step that ends it, moves or radians.
 const STEPS: usize = 20;
 const TOLERANCE: f64 = 1e-3;
@@ -48,6 +55,12 @@ struct Piece {
 impl PlaceMap {
     /// Straighten it by `steps`, which are known between the states of each of the `ways`.
     pub(super) fn relax(&mut self, ways: &[Range<usize>], steps: &[Option<MapStep>]) {
+        let rounds = if self.metric.noise.length <= EXACT { &NEAR[..] } else { &NEAR[NEAR.len() - 1..] };
+        rounds.iter().for_each(|&near| self.relax_by(ways, steps, near));
+    }
+
+    /// A round of it.
+    fn relax_by(&mut self, ways: &[Range<usize>], steps: &[Option<MapStep>], near: f64) {
         let pieces = self.pieces(ways);
         let mut of_state = vec![None; self.poses.len()];
         for (number, piece) in pieces.iter().enumerate() {
@@ -56,17 +69,21 @@ impl PlaceMap {
         let driven = pieces.iter().zip(&pieces[1.min(pieces.len())..]).enumerate();
         let driven = driven.filter(|(_, (from, to))| from.way == to.way);
         let driven = driven.map(|(number, (from, to))| self.driven(number, from.first..to.first, steps));
-        let closures = pieces.iter().enumerate().flat_map(|(number, piece)| {
-            self.like(piece.first).into_iter().filter_map(|state| Some((of_state[state]?, number))).collect::<Vec<_>>()
+        let closures = map_all(pieces.len(), |to| {
+            let like = self.like(pieces[to].first, near).into_iter();
+            let like = like.filter_map(|state| Some((of_state[state]?, self.poses[state]?)));
+            let like: Vec<(usize, Pose)> = like.collect();
+            let aside = CLOSURE.0.hypot(spread(&like));
+            let closure = |(from, pose): (usize, Pose)| Factor {
+                from,
+                to,
+                measured: pose.seen_from(&pieces[from].pose),
+                sigmas: [aside, aside, CLOSURE.1],
+                cauchy: Some(CAUCHY),
+            };
+            like.into_iter().filter(|of| of.0 != to).map(closure).collect::<Vec<_>>()
         });
-        let closures = closures.filter(|(from, to)| from != to).map(|(from, to)| Factor {
-            from,
-            to,
-            measured: pieces[to].pose.seen_from(&pieces[from].pose),
-            sigmas: [CLOSURE.0, CLOSURE.0, CLOSURE.1],
-            cauchy: Some(CAUCHY),
-        });
-        let factors: Vec<Factor> = driven.chain(closures).collect();
+        let factors: Vec<Factor> = driven.chain(closures.into_iter().flatten()).collect();
         // What nothing ties to the others says nothing of the map's shape, and would leave the equations without a solution.
         let mut number = vec![None; pieces.len()];
         factors.iter().for_each(|factor| [factor.from, factor.to].into_iter().for_each(|of| number[of] = Some(0)));
@@ -107,29 +124,38 @@ impl PlaceMap {
         for step in steps[way].iter().flatten() {
             let (behind, off) = noise.expected(*step, unit);
             to = to.then(&behind);
-            turned += noise.heading * noise.heading;
+            turned += noise.turned(*step).powi(2);
             aside += off * off + turned * (behind.x * behind.x + behind.y * behind.y);
         }
         let sigmas = [aside.sqrt(), aside.sqrt(), turned.max(LEAST_TURN * LEAST_TURN).sqrt()];
         Factor { from: number, to: number + 1, measured: to, sigmas, cauchy: Some(CAUCHY) }
     }
 
-    /// States of other times that are near a state on the map and look most like it.
-    fn like(&self, state: usize) -> Vec<usize> {
+    /// States of other times that are so near a state on the map and look most like it.
+    fn like(&self, state: usize, near: f64) -> Vec<usize> {
         let Some(pose) = self.poses[state] else { return Vec::new() };
         let seen: Vec<f32> = self.points.col(state).iter().copied().collect();
         let ([x, y], heading) = cell(pose);
-        let squares = (-REACH..=REACH)
-            .flat_map(|dx| (-REACH..=REACH).map(move |dy| [x.saturating_add(dx), y.saturating_add(dy)]));
+        let reach = (near / SIDE).ceil() as i32;
+        let squares = (-reach..=reach)
+            .flat_map(|dx| (-reach..=reach).map(move |dy| [x.saturating_add(dx), y.saturating_add(dy)]));
         let over = |square| self.cells.over(square).into_iter().flat_map(|over| beside(heading).map(|at| &over[at]));
         let earlier = squares.flat_map(over).flatten().filter(|&&other| (other as usize) + BESIDE < state);
-        let near = earlier.filter(|&&other| {
+        let around = earlier.filter(|&&other| {
             let at = self.poses[other as usize].unwrap_or_default();
-            (at.x - pose.x).hypot(at.y - pose.y) < NEAR.0 && turned(at.heading, pose.heading) < NEAR.1
+            (at.x - pose.x).hypot(at.y - pose.y) < near && turned(at.heading, pose.heading) < TURNED
         });
-        let likeness = near.map(|&other| (self.likeness(other, &seen), other as usize));
+        let likeness = around.map(|&other| (self.likeness(other, &seen), other as usize));
         let mut alike: Vec<(f64, usize)> = likeness.filter(|of| of.0 > ALIKE).collect();
         alike.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
         alike.into_iter().take(MOST).map(|of| of.1).collect()
     }
+}
+
+/// How far places lie from their middle, standard deviation in moves.
+fn spread(of: &[(usize, Pose)]) -> f64 {
+    let count = of.len().max(1) as f64;
+    let (x, y) = of.iter().fold((0.0, 0.0), |(x, y), (_, pose)| (x + pose.x / count, y + pose.y / count));
+    let squared: f64 = of.iter().map(|(_, pose)| (pose.x - x).powi(2) + (pose.y - y).powi(2)).sum();
+    (squared / count).sqrt()
 }

@@ -19,7 +19,7 @@ struct Rooms {
     at: Pose,
 }
 
-const NOISE: MotionNoise = MotionNoise { length: 0.06, heading: 0.0, slides: 0.0 };
+const NOISE: MotionNoise = MotionNoise { length: 0.06, heading: 0.0, turning: 0.0, slides: 0.0 };
 const ROOM: f64 = 5.0;
 const TURNS: [MapStep; 2] =
     [MapStep { turn: FRAC_PI_4, distance: Some(0.0) }, MapStep { turn: -FRAC_PI_4, distance: Some(0.0) }];
@@ -514,8 +514,21 @@ fn a_bent_map_is_straightened_and_a_straight_one_stays() {
         (before, off(&map))
     };
     let (before, after) = relaxed(&bent);
-    // Closures are as they were on the small scale, so that a little of the arc is left.
     assert!(before > 20.0 && after < 0.1 * before, "the bent map was off by {before:.2} moves, and is by {after:.2}");
+    // What stands on the map twice, as a loop was not closed, is laid on itself where it is known how far the robot went.
+    let metric = PlaceMetric { noise: MotionNoise::measured(0.02), ..metric };
+    let beside = Pose { x: 1.0, y: -5.0, heading: 0.1 };
+    let double = truth.iter().enumerate().map(|(t, at)| Some(if t < 130 { *at } else { beside.then(at) }));
+    let mut map = PlaceMap::begin(points.clone(), double.collect(), metric);
+    let before = off(&map);
+    map.relax(std::slice::from_ref(&(0..truth.len())), &steps);
+    assert!(
+        before > 5.0 && off(&map) < 0.5,
+        "the double map was off by {before:.2} moves, and is by {:.2}",
+        off(&map)
+    );
+
     let (before, after) = relaxed(&|at: &Pose| *at);
-    assert!(before == 0.0 && after < 0.1, "the straight map is off by {after:.2} moves");
+    // At both ends of the corridor, states that look alike lie on one side only.
+    assert!(before == 0.0 && after < 0.25, "the straight map is off by {after:.2} moves");
 }

@@ -4,7 +4,9 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::super::saved::{Observations, action_of, link_bits, link_of, place_bits, place_of, wrong};
+use super::super::saved::{
+    Observations, action_of, link_bits, link_of, place_bits, place_of, step_bits, step_from, wrong,
+};
 use super::super::tasks::ActionEnd;
 use super::{Learn, SERIES, Sample};
 use crate::robot::Action;
@@ -20,6 +22,8 @@ struct Waiting {
     came_to: Option<([u64; 2], u32)>,
     #[serde(default)]
     blocked: bool,
+    #[serde(default)]
+    step: Option<(u64, Option<u64>)>,
     #[serde(default)]
     rewards: Vec<u64>,
     action: Option<usize>,
@@ -80,6 +84,7 @@ pub fn put_samples(samples: &[Sample], seen: &mut Observations, snapshot: &mut S
         link: frame.link.map(link_bits),
         came_to: frame.boundary.as_ref().map(|(end, allowed)| (place_bits(end.place), *allowed)),
         blocked: frame.boundary.as_ref().is_some_and(|(end, _)| end.blocked),
+        step: frame.boundary.as_ref().and_then(|(end, _)| end.step.map(step_bits)),
         rewards: frame.boundary.as_ref().map_or(Vec::new(), |(end, _)| bits(&end.rewards)),
         action: frame.action.map(Action::index),
     };
@@ -97,7 +102,7 @@ pub fn take_samples(seen: &Observations, snapshot: &mut Snapshot) -> Result<Vec<
             link: waiting.link.map(link_of),
             boundary: waiting
                 .came_to
-                .map(|(place, allowed)| (end_of(place, waiting.blocked, &waiting.rewards), allowed)),
+                .map(|(place, allowed)| (end_of(place, waiting.blocked, waiting.step, &waiting.rewards), allowed)),
             action: waiting.action.map(|number| action_of(snapshot, number)).transpose()?,
         })
     };
@@ -118,13 +123,15 @@ struct Stored {
     #[serde(default)]
     blocked: bool,
     #[serde(default)]
+    step: Option<(u64, Option<u64>)>,
+    #[serde(default)]
     rewards: Vec<u64>,
 }
 
 /// How an action ended, from what was saved of it.
-fn end_of(place: [u64; 2], blocked: bool, rewards: &[u64]) -> ActionEnd {
+fn end_of(place: [u64; 2], blocked: bool, step: Option<(u64, Option<u64>)>, rewards: &[u64]) -> ActionEnd {
     let rewards = rewards.iter().map(|&bits| f64::from_bits(bits)).collect();
-    ActionEnd { place: place_of(place), blocked, rewards }
+    ActionEnd { place: place_of(place), blocked, step: step.map(step_from), rewards }
 }
 
 fn bits(numbers: &[f64]) -> Vec<u64> {
@@ -146,6 +153,7 @@ pub fn put_window(window: &PlaceWindow, seen: &mut Observations, snapshot: &mut 
             allowed: t.allowed,
             place: place_bits(t.result.place),
             blocked: t.result.blocked,
+            step: t.result.step.map(step_bits),
             rewards: bits(&t.result.rewards),
             to: seen.add(&t.to),
             cell: t.cell,
@@ -168,7 +176,7 @@ pub fn take_window(
     let transition = |t: Stored| {
         action_of(snapshot, t.action)?;
         let (from, to) = (seen.get(t.from)?, seen.get(t.to)?);
-        let result = end_of(t.place, t.blocked, &t.rewards);
+        let result = end_of(t.place, t.blocked, t.step, &t.rewards);
         Ok((t.arrival, Transition { from, action: t.action, allowed: t.allowed, result, to, cell: t.cell }))
     };
     let entries: Result<Vec<_>, SnapshotError> = stored.into_iter().map(transition).collect();
