@@ -28,7 +28,8 @@ pub struct Frame {
     /// The true pose, where something measures it (in the simulator a ceiling camera): for goals given by coordinates, evaluation
     /// and plots, never for features.
     pub truth: Option<Pose>,
-    /// Pose by odometry, where something measures it; its heading as [`of_log`] has it.
+    /// Pose by odometry, where something measures it; the heading in single precision, which the quaternion of a log gives back to the
+    /// bit.
     pub odometry: Option<Pose>,
     /// Distances of the ring of sonars from the robot's centre, metres, the first straight ahead, counter-clockwise; in the
     /// precision of the log, so that a replay hears the same.

@@ -150,7 +150,13 @@ impl Robot {
             forward_noise: s.number("forward_noise", 0.05, "share", share, "standard deviation of the executed length"),
             turn_noise: s.number("turn_noise", 0.05, "share", share, "standard deviation of the executed angle"),
             drift_deg: s.number("drift_deg", 1.0, "degrees", Range::within(0.0, 45.0), "heading noise of one forward"),
-            odometry_noise: s.number("odometry_noise", 0.02, "share", share, "error of the odometry per frame, which maps of places count on"),
+            odometry_noise: s.number(
+                "odometry_noise",
+                0.02,
+                "share",
+                share,
+                "error of the odometry per frame, which maps of places count on",
+            ),
             start: s.point("start", [1.5, 0.9], "position at the start"),
             start_heading_deg: s.number(
                 "start_heading_deg",

@@ -522,11 +522,7 @@ fn a_bent_map_is_straightened_and_a_straight_one_stays() {
     let mut map = PlaceMap::begin(points.clone(), double.collect(), metric);
     let before = off(&map);
     map.relax(std::slice::from_ref(&(0..truth.len())), &steps);
-    assert!(
-        before > 5.0 && off(&map) < 0.5,
-        "the double map was off by {before:.2} moves, and is by {:.2}",
-        off(&map)
-    );
+    assert!(before > 5.0 && off(&map) < 0.5, "the double map was off by {before:.2} moves, and is by {:.2}", off(&map));
 
     let (before, after) = relaxed(&|at: &Pose| *at);
     // At both ends of the corridor, states that look alike lie on one side only.
