@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::{Arrival, Avoided, Circle, TaskResult, WithoutReflexes, draw_pose, wilson_low};
 use crate::evaluate::{OptimalSteps, reference_action};
-use crate::policy::{Learned, Recent, Reflexes, columns, step_between};
+use crate::policy::{Learned, Recent, Reflexes, columns, step_between, step_of};
 use crate::random::{fix_parallelism, stream};
 use crate::robot::{Action, ActionSet, ActionValues, Pose};
 use crate::scenario::{Avoid, ChangeKind, Scenario, Show, Task, in_goal};
@@ -444,7 +444,10 @@ impl Evaluator {
         trial.actions.push(action);
         trial.poses.push(pose);
         trial.recent = trial.recent.then(action, blocked, &self.scenario.robot.actions);
-        trial.step = Some(step_between(&counted, &trial.robot.odometry()));
+        trial.step = Some(match self.scenario.value.odometry {
+            true => step_between(&counted, &trial.robot.odometry()),
+            false => step_of(&self.scenario.robot.actions, action, blocked),
+        });
         // Where the goal was shown, the agent has to say that it is there.
         trial.arrived = !task.is_shown() && in_goal(task, pose.position);
         trial.ended = trial.arrived;

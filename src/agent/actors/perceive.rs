@@ -104,9 +104,10 @@ impl Perceive {
             let after = |action| self.recent.then(action, boundary.blocked, &self.actions);
             self.recent = frame.action.map_or(Recent::default(), after);
         }
-        let step = frame.action.and_then(|_| Some(step_between(&self.stood?, &frame.odometry?)));
+        let counted = frame.odometry.filter(|_| self.scenario.value.odometry);
+        let step = frame.action.and_then(|_| Some(step_between(&self.stood?, &counted?)));
         if frame.boundary.is_some() {
-            self.stood = frame.odometry;
+            self.stood = counted;
         }
         let end = frame.boundary.map(|Boundary { blocked }| ActionEnd { place, blocked, step, rewards: frame.rewards });
         self.last_number = Some(frame.number);
@@ -316,6 +317,11 @@ mod tests {
             assert!((step.turn - 0.2).abs() < 1e-12 && (step.distance.unwrap() - along).abs() < 1e-12, "{step:?}");
         }
         assert_eq!(steps.iter().flatten().count(), 3);
+        let set = ["value.odometry=false".to_owned()];
+        let told = Arc::new(Scenario::parse(text, std::path::Path::new("lab.toml"), &set).unwrap());
+        let mut told = Perceive::new(told.clone(), Arc::new(Plan::new(&told).unwrap()), timing());
+        let percepts = [frame(0, None, false), frame(1, Some(Action::TURN_LEFT), false)].map(|frame| told.step(frame));
+        assert!(percepts.iter().all(|of| of.percept.as_ref().unwrap().outcomes.step.is_none()));
         let interrupted = again.step(frame(4, None, false)).percept.unwrap();
         assert_eq!((interrupted.recent, interrupted.outcomes.step), (Recent::default(), None));
     }

@@ -168,7 +168,7 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
                  goals. Slow features: {vectors} support vectors were aimed at, and the search for the kernel width is in their seconds."
             ),
             format!(
-                "Odometry is the wheels', with an error of {} % of each motion; while a policy is tried, localisation knows the actions alone. Poses of \
+                "Odometry is the wheels', with an error of {} % of each motion; while a policy is tried, localisation knows it, too. Poses of \
                  SLAM: after the best rigid alignment; of slow features: kernel ridge regression from features of other poses.",
                 100.0 * lab.scenario.robot.odometry_noise
             ),

@@ -69,6 +69,8 @@ pub struct Value {
     pub metric_features: usize,
     /// Local values: whether states are told by where the robot is as well, by the way that it came.
     pub places: bool,
+    /// Places: whether odometry tells what actions did, where there is any, and not what they were told to do.
+    pub odometry: bool,
     /// Local values: ridge on the slopes of the regression, in mean squared distances of the neighbours.
     pub local_ridge: f64,
     /// LSPI: ridge on the diagonal of the summed system.
@@ -193,6 +195,11 @@ impl Value {
                 "places",
                 rooms >= SEVERAL_ROOMS,
                 "local: states are told apart by where the robot is, too, by the way that it came; true where world.room is given three times or more",
+            ),
+            odometry: s.flag(
+                "odometry",
+                true,
+                "places: what actions did is told by odometry, where there is any; false: by what they were told to do",
             ),
             local_ridge: s.number(
                 "local_ridge",
