@@ -258,7 +258,8 @@ fn marks_are_in_the_log_and_a_replay_has_them_again() {
         let adagio::log::Record::Message { topic, .. } = &record else { continue };
         match &**topic {
             "/adagio/frame" => frame = record.decode::<adagio::log::messages::FrameTaken>().unwrap().frame,
-            "/adagio/request" => asked_at.push(frame),
+            // Of the actor that learns, which may be behind: where it stands in the log says nothing.
+            "/adagio/request" => asked_at.push(record.decode::<adagio::log::messages::ModelRequest>().unwrap().frame),
             "/adagio/mark" => {
                 marks.push(record.decode::<adagio::log::messages::Text>().unwrap().data);
                 marked_at = frame;
