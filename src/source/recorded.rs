@@ -13,7 +13,7 @@ use crate::log::messages::{
 use crate::log::{LogError, Message, Record, topics};
 use crate::policy::Goto;
 use crate::robot::{Action, Pose};
-use crate::scenario::Scenario;
+use crate::scenario::{Body, Scenario};
 use crate::snapshot::{Snapshot, SnapshotError};
 
 /// What was sensed with a frame, as far as it was read.
@@ -150,6 +150,8 @@ impl Recorded {
     fn frame(&self, parts: Sensed, image: Image, stamp_ns: u64) -> Option<Frame> {
         // The pose is not there where nobody knows it.
         let Sensed { pose: truth, odometry, sonar, taken, moved, marks, goto, rewards } = parts;
+        // A program gives none; logs from before that was so have the true pose in its place.
+        let odometry = odometry.filter(|_| self.scenario.robot.body != Body::Program);
         let (odometry, sonar, taken) = (odometry.map(of_log), sonar?, taken?);
         let vision = &self.scenario.vision;
         if image.data.len() != vision.values() {

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use super::messages::{Decision, Item, Percept, TaskOutcomes, Update};
 use super::record::{Level, Recorder};
-use super::saved::{action_of, learned, recent_numbers, recent_of, step_bits, step_from};
+use super::saved::{StepBits, action_of, learned, recent_numbers, recent_of, step_bits, step_from};
 use super::way::Way;
 use crate::agent::error::RunError;
 use crate::agent::runtime::clock::Clock;
@@ -252,7 +252,7 @@ struct SavedOutcomes {
     #[serde(default)]
     avoided: u64,
     #[serde(default)]
-    step: Option<(u64, Option<u64>)>,
+    step: Option<StepBits>,
 }
 
 impl SavedOutcomes {

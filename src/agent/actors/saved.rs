@@ -197,13 +197,16 @@ pub fn link_of((dt, weight): (u64, u64)) -> Link {
     Link { dt: f64::from_bits(dt), weight: f64::from_bits(weight) }
 }
 
+/// A step, bit by bit: its turn, and its distance where that is known.
+pub type StepBits = (u64, Option<u64>);
+
 /// Bits of a step.
-pub fn step_bits(step: MapStep) -> (u64, Option<u64>) {
+pub fn step_bits(step: MapStep) -> StepBits {
     (step.turn.to_bits(), step.distance.map(f64::to_bits))
 }
 
 /// A step from its bits.
-pub fn step_from((turn, distance): (u64, Option<u64>)) -> MapStep {
+pub fn step_from((turn, distance): StepBits) -> MapStep {
     MapStep { turn: f64::from_bits(turn), distance: distance.map(f64::from_bits) }
 }
 

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 
 use super::messages::{Percept, TaskOutcomes};
-use super::saved::{Observations, step_bits, step_from, wrong};
+use super::saved::{Observations, StepBits, step_bits, step_from, wrong};
 use crate::policy::{Learned, State, step_of};
 use crate::robot::ActionSet;
 use crate::scenario::Scenario;
@@ -34,7 +34,7 @@ struct Passed {
 }
 
 /// The same in a snapshot, by the frame of what was seen and the bits of the step.
-type SavedPassed = (u64, Option<(u64, Option<u64>)>, Vec<Option<bool>>);
+type SavedPassed = (u64, Option<StepBits>, Vec<Option<bool>>);
 
 impl Way {
     /// Before the first percept.

@@ -45,7 +45,7 @@ pub struct MotionNoise {
 impl MotionNoise {
     /// A robot whose actions are closed-loop motions.
     pub const ROBOT: MotionNoise = MotionNoise { length: 0.06, heading: 0.025, turning: 0.0, slides: 0.0 };
-    /// A robot that counts what it does, wrong by such a share of it.
+    /// A robot that counts what it does, wrong by such a share of it; by one in a hundred at least, however exact it is said to be.
     pub fn measured(share: f64) -> MotionNoise {
         let share = share.clamp(LEAST_SHARE, 1.0);
         MotionNoise { length: share, heading: BENDS * share, turning: share, slides: 0.0 }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::super::saved::{
-    Observations, action_of, link_bits, link_of, place_bits, place_of, step_bits, step_from, wrong,
+    Observations, StepBits, action_of, link_bits, link_of, place_bits, place_of, step_bits, step_from, wrong,
 };
 use super::super::tasks::ActionEnd;
 use super::{Learn, SERIES, Sample};
@@ -23,7 +23,7 @@ struct Waiting {
     #[serde(default)]
     blocked: bool,
     #[serde(default)]
-    step: Option<(u64, Option<u64>)>,
+    step: Option<StepBits>,
     #[serde(default)]
     rewards: Vec<u64>,
     action: Option<usize>,
@@ -123,13 +123,13 @@ struct Stored {
     #[serde(default)]
     blocked: bool,
     #[serde(default)]
-    step: Option<(u64, Option<u64>)>,
+    step: Option<StepBits>,
     #[serde(default)]
     rewards: Vec<u64>,
 }
 
 /// How an action ended, from what was saved of it.
-fn end_of(place: [u64; 2], blocked: bool, step: Option<(u64, Option<u64>)>, rewards: &[u64]) -> ActionEnd {
+fn end_of(place: [u64; 2], blocked: bool, step: Option<StepBits>, rewards: &[u64]) -> ActionEnd {
     let rewards = rewards.iter().map(|&bits| f64::from_bits(bits)).collect();
     ActionEnd { place: place_of(place), blocked, step: step.map(step_from), rewards }
 }
