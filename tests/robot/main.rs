@@ -376,7 +376,7 @@ fn a_client_of_nav2_sends_it_somewhere_and_hears_how_that_goes() {
     // Models from the first few dozen frames on, which know next to nothing: a robot that has to find a place by them may take many
     // minutes, and what is tested here is what the client hears. So places are most of the room, and it explores between pursuits.
     let sets = [
-        "task.0.radius=2.4",
+        "task.0.radius=2.0",
         "dictionary.sigma_frames=40",
         "agent.resolve_frames=40",
         "agent.latency_frames=5",
