@@ -373,8 +373,8 @@ fn a_client_of_nav2_sends_it_somewhere_and_hears_how_that_goes() {
     let folder = tempfile::tempdir().unwrap();
     let _peer = Peer::start(&python, domain(5), &["--kinds", "twice", "--faults", "500", "--patience", "200"]);
     let path = folder.path().to_owned();
-    // Models from the first few dozen frames on, which know next to nothing: a robot that has to find a place by them may take many
-    // minutes, and what is tested here is what the client hears. So places are most of the room, and it explores between pursuits.
+    // Models from the first few dozen frames on, which know next to nothing: once it took more than 400 s to a place of 1.6 m. What is
+    // tested here is what the client hears, so places are most of the room, and it explores between pursuits.
     let sets = [
         "task.0.radius=2.0",
         "dictionary.sigma_frames=40",
