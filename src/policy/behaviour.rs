@@ -118,9 +118,8 @@ impl BehaviourSchedule {
         able: &dyn Fn(usize) -> bool,
     ) -> (Behaviour, Option<PursuitEnd>) {
         let mut ended = None;
-        if let Some(task) = self.sent.filter(|&task| self.leg != Behaviour::Pursue(task) && able(task) && in_goal(task))
-        {
-            // It is there already.
+        if let Some(task) = self.sent.filter(|&task| self.leg != Behaviour::Pursue(task) && in_goal(task)) {
+            // It is there already, which takes no policy.
             (self.sent, self.left) = (None, 0);
             ended = Some(PursuitEnd { task, arrived: true, actions: 0, sent: true });
         }
@@ -215,7 +214,12 @@ mod tests {
         let scenario = Scenario::parse(text, "lab.toml".as_ref(), &[]).unwrap();
         let mut schedule = BehaviourSchedule::new(&scenario, stream(1, "legs"));
         let (never, always) = (|_: usize| false, |_: usize| true);
-        // Without a policy for it, it explores; then it goes there, and explores again when a pursuit has taken too long.
+        // Without a policy for it, it explores, and may come there so; then it goes there, and explores again when a pursuit has taken too
+        // long.
+        schedule.send(Goto::Task(1));
+        let (leg, ended) = schedule.next(0, &|task| task == 1, &never);
+        assert_eq!((leg, schedule.sent()), (Behaviour::Explore, None));
+        assert_eq!(ended, Some(PursuitEnd { task: 1, arrived: true, actions: 0, sent: true }));
         schedule.send(Goto::Task(1));
         assert_eq!(schedule.next(0, &never, &never).0, Behaviour::Explore);
         let (pursues, explores) = (scenario.policy.pursue_timeout, scenario.policy.explore_length);

@@ -69,8 +69,9 @@ impl SourceLoop<'_> {
                 frame.marks.extend(controls.take_marks(frame.boundary.is_some()));
                 // The last frame of an action is never dropped.
                 if frame.boundary.is_some() {
-                    frame.moved.extend(controls.take_moves());
+                    // In this order: whoever sends it to a goal that was just moved means where that is now.
                     frame.goto = controls.take_goto().or(frame.goto);
+                    frame.moved.extend(controls.take_moves());
                 }
             }
             let first_ns = *first_ns.get_or_insert(frame.stamp_ns);
