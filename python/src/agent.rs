@@ -73,10 +73,11 @@ pub fn image_of(array: &PyReadonlyArrayDyn<'_, u8>) -> PyResult<Image> {
     Ok(Image { width, height, cropped: false, rgb })
 }
 
-fn pose_of(pose: Option<(f64, f64, f64)>) -> PyResult<Option<Pose>> {
+/// A pose that was given under a name.
+pub fn pose_of(name: &str, pose: Option<(f64, f64, f64)>) -> PyResult<Option<Pose>> {
     let Some((x, y, heading)) = pose else { return Ok(None) };
     if ![x, y, heading].iter().all(|value| value.is_finite()) {
-        let text = format!("pose = ({x}, {y}, {heading}): it must be finite numbers, metres and radians");
+        let text = format!("{name} = ({x}, {y}, {heading}): it must be finite numbers, metres and radians");
         return Err(PyValueError::new_err(text));
     }
     Ok(Some(Pose::new(Point2::new(x, y), heading)))
@@ -168,7 +169,7 @@ impl Agent {
         if let Some((_, reward)) = rewards.iter().find(|(_, reward)| !reward.is_finite()) {
             return Err(PyValueError::new_err(format!("reward = {reward}: it must be a finite number")));
         }
-        let step = Step { pose: pose_of(pose)?, blocked, rewards, done, reset };
+        let step = Step { pose: pose_of("pose", pose)?, blocked, rewards, done, reset };
         let session = &mut *self.alone()?;
         // Ctrl-C has interrupted the call before: its action comes first, and is void where an episode begins.
         if session.owes_action() {
@@ -189,7 +190,7 @@ impl Agent {
         image: PyReadonlyArrayDyn<'_, u8>,
         pose: Option<(f64, f64, f64)>,
     ) -> PyResult<()> {
-        let (image, pose) = (image_of(&image)?, pose_of(pose)?);
+        let (image, pose) = (image_of(&image)?, pose_of("pose", pose)?);
         let session = &mut *self.alone()?;
         py.detach(|| session.observe(image, pose)).map_err(refused)
     }

@@ -46,7 +46,7 @@ mod _adagio {
     #[pymodule_export]
     use crate::many::{learn, learn_part};
     #[pymodule_export]
-    use crate::recorded::Recorded;
+    use crate::recorded::{Pilot, Recorded};
 
     #[pymodule_init]
     fn init(_module: &Bound<'_, PyModule>) -> PyResult<()> {

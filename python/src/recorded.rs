@@ -2,21 +2,22 @@
 
 use std::convert::Infallible;
 use std::path::PathBuf;
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use adagio::cli::Ending;
 use adagio::cli::export::{model_of, recorded};
 use adagio::export::{Model, export};
 use adagio::faer::{Mat, Par};
-use adagio::policy::columns;
+use adagio::policy::{self, columns};
 use adagio::replay::Recording;
-use adagio::scenario::Scenario;
+use adagio::robot::Action;
+use adagio::scenario::{Scenario, Vision};
 use adagio::vision::{Observation, check_size, observe};
 use numpy::{PyArray2, PyReadonlyArrayDyn};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 
-use crate::agent::{image_of, raised};
+use crate::agent::{image_of, pose_of, raised};
 use crate::arrays::rows;
 use crate::threads::work;
 
@@ -27,13 +28,13 @@ pub struct Recorded {
     recording: Recording,
     scenario: Arc<Scenario>,
     /// Its newest model, read when it is asked for; why there is none.
-    model: OnceLock<Result<Model, String>>,
+    model: OnceLock<Result<Arc<Model>, String>>,
 }
 
 impl Recorded {
-    fn model(&self) -> Result<&Model, String> {
+    fn model(&self) -> Result<&Arc<Model>, String> {
         let read = || {
-            model_of(&self.run).map_err(|ending| match ending {
+            model_of(&self.run).map(Arc::new).map_err(|ending| match ending {
                 Ending::Failed(text) | Ending::Usage(text) | Ending::DataLoss(text) => text,
             })
         };
@@ -42,13 +43,23 @@ impl Recorded {
 
     /// Images of any size as the model sees them.
     fn seen(&self, images: Vec<PyReadonlyArrayDyn<'_, u8>>) -> PyResult<Vec<Observation>> {
-        let see = |array: &PyReadonlyArrayDyn<'_, u8>| {
-            let image = image_of(array)?;
-            check_size(&image, &self.scenario.vision).map_err(PyValueError::new_err)?;
-            Ok(observe(&image, &self.scenario.vision, 0))
-        };
-        images.iter().map(see).collect()
+        images.iter().map(|image| seen(image, &self.scenario.vision)).collect()
     }
+}
+
+/// An image of any size as a model sees it.
+fn seen(image: &PyReadonlyArrayDyn<'_, u8>, vision: &Vision) -> PyResult<Observation> {
+    let image = image_of(image)?;
+    check_size(&image, vision).map_err(PyValueError::new_err)?;
+    Ok(observe(&image, vision, 0))
+}
+
+fn check_task(model: &Model, task: usize) -> PyResult<()> {
+    let tasks = model.learned.weights.len();
+    if task < tasks {
+        return Ok(());
+    }
+    Err(PyValueError::new_err(format!("there is no task number {task}: there are {tasks}")))
 }
 
 #[pymethods]
@@ -79,7 +90,8 @@ impl Recorded {
     /// Write all arrays into a folder, which exists and is empty; `about.json`.
     fn export(&self, py: Python<'_>, out: PathBuf) -> PyResult<String> {
         let written = work(py, || {
-            Ok::<_, Infallible>(export(&self.recording, &self.run, &self.scenario, self.model().ok(), false, &out))
+            let model = self.model().ok().map(Arc::as_ref);
+            Ok::<_, Infallible>(export(&self.recording, &self.run, &self.scenario, model, false, &out))
         })?;
         let about = written.map_err(|error| PyRuntimeError::new_err(error.to_string()))?;
         serde_json::to_string(&about).map_err(|error| PyRuntimeError::new_err(error.to_string()))
@@ -115,15 +127,52 @@ impl Recorded {
         task: usize,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let model = py.detach(|| self.model()).map_err(PyRuntimeError::new_err)?;
-        let (tasks, actions) = (model.learned.weights.len(), model.learned.actions());
-        if task >= tasks {
-            return Err(PyValueError::new_err(format!("there is no task number {task}: there are {tasks}")));
-        }
+        let actions = model.learned.actions();
+        check_task(model, task)?;
         let seen = self.seen(images)?;
         let values = work(py, || {
             let values: Vec<_> = seen.iter().map(|image| model.learned.q_values(image, task)).collect();
             Ok::<_, Infallible>(Mat::from_fn(actions, seen.len(), |action, j| values[j][action]))
         })?;
         Ok(rows(py, values.as_ref()))
+    }
+
+    /// A pilot to the goal of a task, by the newest model.
+    fn pilot(&self, py: Python<'_>, task: usize) -> PyResult<Pilot> {
+        let model = py.detach(|| self.model()).map_err(PyRuntimeError::new_err)?.clone();
+        check_task(&model, task)?;
+        let pilot = policy::Pilot::new(&model.scenario, task);
+        Ok(Pilot { model, pilot: Mutex::new(pilot) })
+    }
+}
+
+/// Drives to the goal of a task by a model that learns nothing more.
+#[pyclass(frozen, module = "adagio._adagio")]
+pub struct Pilot {
+    model: Arc<Model>,
+    pilot: Mutex<policy::Pilot>,
+}
+
+#[pymethods]
+impl Pilot {
+    /// The action behind an image; none where the model tells that it is there.
+    fn act(
+        &self,
+        py: Python<'_>,
+        image: PyReadonlyArrayDyn<'_, u8>,
+        blocked: bool,
+        odometry: Option<(f64, f64, f64)>,
+    ) -> PyResult<Option<usize>> {
+        let (seen, odometry) = (seen(&image, &self.model.scenario.vision)?, pose_of("odometry", odometry)?);
+        let action = work(py, || {
+            let mut pilot = self.pilot.lock().unwrap_or_else(PoisonError::into_inner);
+            Ok::<_, Infallible>(pilot.act(&self.model.learned, &seen, blocked, odometry))
+        })?;
+        Ok(action.map(Action::index))
+    }
+
+    /// Begin anew, from anywhere.
+    fn reset(&self, py: Python<'_>) {
+        py.detach(|| self.pilot.lock().unwrap_or_else(PoisonError::into_inner).begin());
     }
 }

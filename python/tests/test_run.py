@@ -130,3 +130,28 @@ def test_damage_is_warned_of(recorded, tmp_path):
     with pytest.warns(UserWarning, match="frames or records of .* could not be used"):
         assert 0 < len(run.frames["frame"]) < 1201
     assert run.about["damaged"] > 0
+
+
+def test_a_policy_drives_by_the_model_alone(recorded):
+    _, path = recorded
+    run, ways = adagio.open(path), []
+    for policy in [run.policy("goal"), run.policy(0)]:
+        ring, taken = Ring(4), []
+        for _ in range(20):
+            policy.reset()
+            picture, shortest, actions, reward = ring.reset(), ring.shortest(), 0, 0.0
+            while not reward and actions < 40:
+                reward = ring.step(policy.act(picture, blocked=False))
+                picture, actions = ring.picture, actions + 1
+            taken.append((actions, shortest))
+        ways.append(taken)
+    assert ways[0] == ways[1]
+    actions, shortest = np.sum(ways[0], axis=0)
+    assert shortest <= actions < 1.3 * shortest
+    policy = run.policy("goal")
+    for wrong, error in [({"image": None}, TypeError), ({"odometry": (np.nan, 0, 0)}, ValueError)]:
+        with pytest.raises(error):
+            policy.act(**{"image": ring.picture, **wrong})
+    for task, error in [("nope", ValueError), (1, ValueError), (-1, OverflowError), (None, TypeError)]:
+        with pytest.raises(error):
+            run.policy(task)

@@ -73,6 +73,8 @@ fn prepare(args: &ReplayArgs, file: &Path) -> Result<(LogContents, Roles, Scenar
         // There is no robot that could be late, and no frame to drop.
         "agent.speed=auto".to_owned(),
         "agent.when_behind=wait".to_owned(),
+        // What was done stands in the log: nobody pursues anything.
+        "policy.explore_share=1".to_owned(),
     ];
     sets.extend(args.set.iter().cloned());
     Ok((survey, roles, load(file, &sets)?))

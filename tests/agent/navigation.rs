@@ -1,6 +1,14 @@
 //! What the agent learns in a short run: the lab's goals, a small goal off the centre that least squares over smooth features
 //! miss, and the way from one room through a corridor into another.
 
+use std::sync::{Arc, Mutex};
+
+use adagio::cli::export::model_of;
+use adagio::evaluate::Evaluator;
+use adagio::export::Model;
+use adagio::policy::Pilot;
+use adagio::world::World;
+
 use crate::common::{adagio, package_file, report, stderr};
 use serde_json::Value;
 
@@ -77,5 +85,30 @@ fn from_one_room_the_goal_in_the_other_is_reached() {
         assert!(reference < 0.8, "{}: {reference} by driving straight at it", task["name"]);
         assert!(success >= 0.9, "{}: {success}", task["name"]);
         assert!(quality >= 0.7, "{}: {quality}", task["name"]);
+    }
+}
+
+/// Who acts on what was learned takes the very ways of trials, with a belief about where it is.
+#[test]
+fn a_pilot_goes_the_ways_of_trials() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("world.toml"), lab()).unwrap();
+    let command = ["run", "world.toml", "--quiet", "--no-report", "--actions", "1500", "--out", "run"];
+    let places = ["--set", "value.places=true", "--set", "value.odometry=false", "--set", "evaluate.starts=1"];
+    let output = adagio(folder.path(), &[&command[..], &places].concat());
+    assert!(output.status.success(), "{}", stderr(&output));
+    let Ok(Model { learned, scenario, .. }) = model_of(&folder.path().join("run")) else { panic!("no model") };
+    let (scenario, starts) = (Arc::new(scenario), 20);
+    let world = Arc::new(World::new(&scenario).unwrap());
+    let evaluator = Evaluator::new(scenario.clone(), world, starts, 5);
+    let ways = evaluator.evaluate_and_show(&learned, false);
+    for (task, (result, trips)) in ways.into_iter().enumerate() {
+        let pilots: Vec<Mutex<Pilot>> = (0..starts).map(|_| Mutex::new(Pilot::new(&scenario, task))).collect();
+        let found = evaluator.trips(task, true, &|situation| {
+            let (seen, blocked) = (situation.seen.unwrap(), situation.recent.blocked.is_some());
+            pilots[situation.trial].lock().unwrap().act(&learned, seen, blocked, None).unwrap()
+        });
+        assert!(result.success > 0.5, "{}: {}", result.name, result.success);
+        assert_eq!(found, trips, "{}", result.name);
     }
 }

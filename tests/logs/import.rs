@@ -249,6 +249,8 @@ fn a_bag_of_raw_images_odometry_and_commands_is_learned_from() {
     assert_eq!(report["imported"]["images"], 2001);
     assert_eq!(report["imported"]["frames"], 2001);
     assert_eq!(report["run"]["frames"], 2001);
+    let pursuits = report["pursuits"].as_array().unwrap();
+    assert!(pursuits.iter().all(|of| of["ended"] == 0), "{pursuits:?}");
     // The model knows the room that the scenario's walls describe: where the robot is can be read off its features.
     assert!(report["model"]["epoch"].as_u64().unwrap() >= 3, "{}", report["model"]);
     let off = report["pose_decode"]["kernel"]["position_rmse_m"].as_f64().unwrap();

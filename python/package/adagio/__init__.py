@@ -25,8 +25,9 @@ from ._linear import SFA
 from ._local import LocalValues
 from ._lspi import LSPI
 from ._many import learn
-from ._run import Run, open
+from ._run import Policy, Run, open
 
 __all__ = [
-    "ALD", "Agent", "IncSFA", "KernelSFA", "LSPI", "LocalValues", "Run", "RunOver", "SFA", "experiment", "learn", "open",
+    "ALD", "Agent", "IncSFA", "KernelSFA", "LSPI", "LocalValues", "Policy", "Run", "RunOver", "SFA", "experiment",
+    "learn", "open",
 ]  # fmt: skip

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from . import _adagio
-from ._agent import _pixels
+from ._agent import _pixels, _pose
 
 
 def open(run: str | os.PathLike[str]) -> Run:
@@ -185,6 +185,27 @@ class Run:
         """
         return self._recorded.q_values(_stack(images), self._number(task))
 
+    def policy(self, task: str | int) -> Policy:
+        """Drive to the goal of a task, by the newest model, which learns nothing more.
+
+        Parameters
+        ----------
+        task : str or int
+            A task's name or number.
+
+        Returns
+        -------
+        Policy
+
+        Raises
+        ------
+        RuntimeError
+            The run has no model.
+        ValueError
+            There is no such task.
+        """
+        return Policy(self._recorded.pilot(self._number(task)))
+
     def __repr__(self):
         return f"<adagio.Run {str(self._run)!r}>"
 
@@ -213,6 +234,45 @@ class Run:
         if about["damaged"]:
             warnings.warn(f"{about['damaged']} frames or records of {self._run} could not be used", stacklevel=4)
         self._about, self._tables = about, tables
+
+
+class Policy:
+    """The policy of a task, of `Run.policy`: its best actions with the reflexes of the run's scenario and, where the run has
+    ``value.places``, a memory of where the robot may be. The run may be of any kind, another program's bag too.
+    """
+
+    def __init__(self, pilot: _adagio.Pilot):
+        self._pilot = pilot
+
+    def act(
+        self, image: np.ndarray, *, blocked: bool = False, odometry: tuple[float, float, float] | None = None
+    ) -> int | None:
+        """Decide on the next action.
+
+        Parameters
+        ----------
+        image : ndarray of uint8, (height, width, 3), (height, width, 1) or (height, width)
+            What the camera sees behind the action before, or first of all.
+        blocked : bool
+            Whether something stopped that action.
+        odometry : (x, y, heading), optional
+            Where the robot counts itself to be, metres and radians, from anywhere on: for a run whose maps are of odometry.
+
+        Returns
+        -------
+        int or None
+            The number of the action. None: the robot is where the goal was shown. Other goals are for the caller to know.
+
+        Raises
+        ------
+        TypeError, ValueError
+            An image of another type or shape; odometry that is not finite.
+        """
+        return self._pilot.act(_pixels(image), bool(blocked), _pose(odometry))
+
+    def reset(self) -> None:
+        """The robot is put somewhere: the next image is the first one."""
+        self._pilot.reset()
 
 
 def _stack(images):
