@@ -79,4 +79,4 @@ pub(crate) use newton::capacity;
 pub use newton::{Block, Dictionary, Thinning};
 pub use reservoir::Reservoir;
 pub use selection::{FeatureMap, Selection};
-pub use width::{WidthForSize, width_for_share, width_for_size};
+pub use width::{WidthForSize, wider_for_share, width_for_share, width_for_size};

@@ -28,6 +28,9 @@ const BLOCK: usize = 128;
 /// A width for a share is at least this share of the median distance: where half of a signal stands still, the search for a
 /// size would else go down to its noise.
 const NARROWEST: f64 = 0.5;
+/// A width is far too narrow where one that is so many times as wide is wanted. In worlds whose first frames are like the rest, 0.8 to 1.2
+/// times is wanted; where the first room is duller than the others, 1.2 to 3 times.
+const TOO_NARROW: f64 = 1.5;
 
 /// The width σ at which ALD with threshold `nu` keeps `target` of the observations `x`, as nearly as any width does.
 ///
@@ -71,12 +74,9 @@ pub fn width_for_size<T: Scalar>(
     let median = median_distance(x)?;
     let mut tried = Vec::new();
     let mut size_at = |sigma: f64| -> Result<usize, DictionaryError> {
-        let mut dictionary = Dictionary::new(kernel(sigma)?, x.ncols(), par);
-        for start in (0..x.ncols()).step_by(BLOCK) {
-            dictionary.grow(x.subcols(start, BLOCK.min(x.ncols() - start)), |_, residual| residual > nu)?;
-        }
-        tried.push((sigma, dictionary.len()));
-        Ok(dictionary.len())
+        let size = size_with(x, nu, kernel(sigma)?, x.ncols(), par)?;
+        tried.push((sigma, size));
+        Ok(size)
     };
     let refuse = |largest| DictionaryError::Target { target, observations: x.ncols(), largest };
 
@@ -115,6 +115,65 @@ pub fn width_for_size<T: Scalar>(
     let best = tried.iter().copied().min_by_key(|&(_, size)| size.abs_diff(target));
     let (sigma, size) = best.ok_or_else(|| refuse(largest))?;
     Ok(WidthForSize { sigma, size, tried })
+}
+
+/// What ALD keeps of the observations; counted no further than beyond `most`.
+fn size_with<T: Scalar>(
+    x: MatRef<'_, T>,
+    nu: f64,
+    kernel: Kernel,
+    most: usize,
+    par: Par,
+) -> Result<usize, DictionaryError> {
+    let mut dictionary = Dictionary::new(kernel, x.ncols(), par);
+    for start in (0..x.ncols()).step_by(BLOCK) {
+        dictionary.grow(x.subcols(start, BLOCK.min(x.ncols() - start)), |_, residual| residual > nu)?;
+        if dictionary.len() > most {
+            break;
+        }
+    }
+    Ok(dictionary.len())
+}
+
+/// The width of [`width_for_share`] for the observations `x`, if `sigma`, which some of them gave, is far too narrow for all of them: by
+/// a factor of 1.5 or more. That takes one selection where it is not.
+///
+/// # Shapes
+/// `x: d × n`.
+///
+/// # Errors
+/// As [`width_for_share`].
+///
+/// # Example
+/// ```
+/// use adagio::dictionary::wider_for_share;
+/// use adagio::kernel::Kernel;
+/// use faer::{Mat, Par};
+///
+/// # fn main() -> Result<(), adagio::dictionary::DictionaryError> {
+/// // What was seen first lies close together, and tells nothing of the rest.
+/// let line = Mat::from_fn(1, 200, |_, t| if t < 50 { t as f64 / 5000.0 } else { (t - 49) as f64 });
+/// let wider = wider_for_share(line.as_ref(), 0.1, 0.5, 0.005, Kernel::gaussian, Par::Seq)?;
+/// assert!(wider.is_some_and(|sigma| sigma > 0.1));
+/// assert_eq!(wider_for_share(line.as_ref(), 0.1, 0.5, 50.0, Kernel::gaussian, Par::Seq)?, None);
+/// # Ok(())
+/// # }
+/// ```
+pub fn wider_for_share<T: Scalar>(
+    x: MatRef<'_, T>,
+    nu: f64,
+    share: f64,
+    sigma: f64,
+    kernel: impl Fn(f64) -> Result<Kernel, KernelError>,
+    par: Par,
+) -> Result<Option<f64>, DictionaryError> {
+    check_nu(nu)?;
+    let (least, most) = (TOO_NARROW * sigma, (share * x.ncols() as f64) as usize);
+    if size_with(x, nu, kernel(least)?, most, par)? <= most {
+        return Ok(None);
+    }
+    let wider = width_for_share(x, nu, share, kernel, par)?;
+    Ok(Some(wider).filter(|&wider| wider >= least))
 }
 
 /// The width at which ALD with threshold `nu` keeps a `share` of the observations `x`: at least half their median distance.

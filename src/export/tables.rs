@@ -153,7 +153,8 @@ table! {
 }
 
 table! {
-    /// One row for each frame that became a support vector; with some selections it may have been replaced since.
+    /// One row for each frame that became a support vector; with some selections it may have been replaced since. Where `sigma` changes in
+    /// `growth`, the support vectors were chosen anew, and frames follow from the beginning again.
     Accepted() {
         frame: u64 [] = "number of the frame",
     }

@@ -6,7 +6,7 @@ use faer::{Mat, MatRef};
 use sha2::{Digest, Sha256};
 
 use super::{Head, Job, Log, ManyError, PartsOf, Piece, Setting, read_part, unusable, write_part};
-use crate::dictionary::{Ald, DictionaryError, Parameters, Selection, width_for_share};
+use crate::dictionary::{Ald, DictionaryError, Parameters, Selection, wider_for_share, width_for_share};
 use crate::kernel::Kernel;
 use crate::policy::columns;
 use crate::scenario::{Scenario, SelectionRule, hex};
@@ -130,8 +130,17 @@ pub fn first_dictionary(setting: &Setting, logs: &[Log]) -> Result<Dictionary, M
             }
             let kernel = |sigma| Kernel::radial(sigma, settings.exponent);
             let x = columns(seen.iter().map(AsRef::as_ref));
-            width_for_share(x.as_ref(), settings.nu, settings.sigma_share, kernel, setting.par)
-                .map_err(no_dictionary)?
+            let sigma = width_for_share(x.as_ref(), settings.nu, settings.sigma_share, kernel, setting.par)
+                .map_err(no_dictionary)?;
+            match settings.looks_again().zip(logs.first()).filter(|_| logs.len() == 1) {
+                Some(((frames, share), log)) if log.frames as usize >= frames => {
+                    let first = Piece::whole(log).samples(setting).next(frames);
+                    let x = columns(first.iter().map(|sample| sample.observation.as_ref()));
+                    let wider = wider_for_share(x.as_ref(), settings.nu, share, sigma, kernel, setting.par);
+                    wider.map_err(no_dictionary)?.unwrap_or(sigma)
+                }
+                _ => sigma,
+            }
         }
     };
     Dictionary::new(setting, sigma)

@@ -142,4 +142,6 @@ pub struct Growth {
     pub sigma: f64,
     pub nu: Option<f64>,
     pub at_budget: bool,
+    /// The width of the kernel before, where it was too narrow, and all frames so far went through a dictionary that began anew.
+    pub began_anew: Option<f64>,
 }

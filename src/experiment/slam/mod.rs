@@ -56,10 +56,13 @@ enum Method {
     DeadReckoning,
     Adagio,
     TruePose,
+    /// SLAM that forgets where it was before each image, as slow features do without places.
+    SlamByImage,
 }
 
 impl Method {
-    const ALL: [Method; 4] = [Method::Slam, Method::DeadReckoning, Method::Adagio, Method::TruePose];
+    const ALL: [Method; 5] =
+        [Method::Slam, Method::DeadReckoning, Method::Adagio, Method::TruePose, Method::SlamByImage];
 
     fn name(self) -> &'static str {
         match self {
@@ -67,6 +70,7 @@ impl Method {
             Method::DeadReckoning => "the same without closures",
             Method::Adagio => "slow features, local values",
             Method::TruePose => "true pose and planner",
+            Method::SlamByImage => "SLAM that judges each image alone",
         }
     }
 }
@@ -219,8 +223,14 @@ fn tried(
     }
     let driven = worlds.iter().map(|&world| {
         let trials = &ground.trials[world];
-        let located =
-            Located { lab, map: map.as_ref(), planner: (&planner, &fits), aligned, starts: trials.reference[0].len() };
+        let located = Located {
+            lab,
+            map: map.as_ref(),
+            planner: (&planner, &fits),
+            aligned,
+            starts: trials.reference[0].len(),
+            forgets: method == Method::SlamByImage,
+        };
         located.drive(trials, ground.labs, bench)
     });
     Ok((learning, driven.collect::<Result<_, _>>()?))
@@ -272,6 +282,8 @@ struct Located<'a> {
     /// Where the map lies in the room.
     aligned: Pose,
     starts: usize,
+    /// Whether it knows nothing of what was before an image.
+    forgets: bool,
 }
 
 impl Located<'_> {
@@ -283,12 +295,12 @@ impl Located<'_> {
             let place = match (self.map, situation.seen) {
                 (Some(map), Some(seen)) => {
                     let mut belief = beliefs[situation.trial].lock().expect("no trial panics");
-                    if situation.step.is_none() {
+                    let step = situation.step.filter(|_| !self.forgets);
+                    if step.is_none() {
                         *belief = Belief::default();
                     }
                     let seen = thumbnail(seen.values(), &self.lab.scenario.vision);
-                    map.follow(&mut belief, situation.step, &seen, &[])
-                        .expect("images are as large as those of the map");
+                    map.follow(&mut belief, step, &seen, &[]).expect("images are as large as those of the map");
                     let place = belief.modes(1, 1.0).first().map_or_else(Default::default, |mode| mode.0);
                     let found = self.aligned.then(&Pose::new([unit * place.x, unit * place.y].into(), place.heading));
                     let off = (found.position - situation.pose.position).norm();

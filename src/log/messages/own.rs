@@ -190,7 +190,7 @@ messages! {
         rewards: Vec<f64>,
     } in Header Time;
 
-    /// A block of frames went through the dictionary.
+    /// A block of frames went through the dictionary; where it begins at the first frame again, through one that began anew.
     adagio_msgs / DictionaryGrowth DictionaryGrowth {
         /// When.
         header: Header,

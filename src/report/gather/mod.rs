@@ -90,6 +90,8 @@ pub struct Gathered {
     pub members: Downsample<(u64, Pose)>,
     /// Members whose pose is not known.
     pub members_elsewhere: u64,
+    /// Last frame of the newest block that went through the dictionary.
+    grown_to: u64,
     /// The frame from which on nothing more was accepted.
     pub full_since: Option<u64>,
     /// Frames that were left out because they are not finite.
@@ -427,6 +429,11 @@ impl Gathered {
     }
 
     fn grew(&mut self, growth: &DictionaryGrowth) {
+        if growth.first_frame < self.grown_to {
+            // It began anew, with a wider kernel.
+            (self.members, self.members_elsewhere) = (Downsample::first_of(MEMBERS), 0);
+        }
+        self.grown_to = growth.last_frame;
         self.growth.push((growth.last_frame, growth.size));
         self.quarantined += growth.quarantined.len() as u64;
         for &frame in &growth.accepted {

@@ -15,7 +15,7 @@ pub struct Dictionary {
     pub sigma: Option<f64>,
     /// With an automatic width: the share of the first frames that become support vectors.
     pub sigma_share: f64,
-    /// With an automatic width: measured over this many first frames.
+    /// With an automatic width: measured over this many first frames, see [`looks_again`](Dictionary::looks_again).
     pub sigma_frames: usize,
     /// Acceptance threshold ν.
     pub nu: f64,
@@ -27,6 +27,22 @@ pub struct Dictionary {
     pub block_frames: usize,
     /// Frames whose coordinates are kept for filling in new ones.
     pub retained_frames: usize,
+}
+
+/// An automatic width is looked at again when there are so many times as many frames, and three quarters of the share are to become support
+/// vectors then.
+const LOOK_AGAIN: usize = 4;
+const SHARE_THEN: f64 = 0.75;
+/// It is not, where that would be more frames.
+const MOST_FIRST: usize = 5000;
+
+impl Dictionary {
+    /// The number of frames after which an automatic width is looked at again, and the share of them that is to become support vectors;
+    /// `None`: it is not.
+    pub fn looks_again(&self) -> Option<(usize, f64)> {
+        let frames = LOOK_AGAIN * self.sigma_frames;
+        (self.sigma.is_none() && frames <= MOST_FIRST).then_some((frames, SHARE_THEN * self.sigma_share))
+    }
 }
 
 /// How support vectors are chosen.

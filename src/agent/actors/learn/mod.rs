@@ -18,7 +18,7 @@ use super::tasks::{ActionEnd, Tasks};
 use crate::agent::error::LearnError;
 use crate::agent::runtime::threads::parallelism;
 use crate::agent::runtime::timing::ModelTiming;
-use crate::dictionary::{Ald, DictionaryError, Parameters, Reservoir, Selection, width_for_share};
+use crate::dictionary::{Ald, DictionaryError, Parameters, Reservoir, Selection, wider_for_share, width_for_share};
 use crate::kernel::{Kernel, KernelError};
 use crate::policy::columns;
 use crate::robot::Action;
@@ -34,6 +34,7 @@ const SETTLE_AT: usize = 128;
 pub const SERIES: u64 = 1 << 40;
 
 /// A frame to be learned from.
+#[derive(Clone)]
 pub struct Sample {
     pub observation: Arc<Observation>,
     /// From the frame before; none if that is missing.
@@ -102,6 +103,8 @@ pub struct Learn {
     stream: Option<SlowStream<f32>>,
     /// Frames that wait for their block.
     pending: Vec<Sample>,
+    /// Frames since the beginning, until the width of the kernel was looked at again; none where that is not done.
+    begun: Option<Vec<Sample>>,
     /// As they were with the last frame. They may change: the window keeps where an action ended, and rewards follow from that when
     /// they are needed.
     tasks: Arc<Tasks>,
@@ -122,11 +125,12 @@ impl Learn {
         Learn {
             transitions: Transitions::new(scenario.value.window),
             par: parallelism(&scenario.agent),
-            scenario,
             timing,
             tasks,
             stream: None,
             pending: Vec::new(),
+            begun: scenario.dictionary.looks_again().map(|_| Vec::new()),
+            scenario,
             last_number: None,
             owed: false,
             refit: false,
@@ -197,9 +201,10 @@ impl Learn {
 
     /// Put all pending frames into the stream, and the transitions that end in them into the window.
     fn flush(&mut self) -> Result<Option<Growth>, LearnError> {
-        let pending = std::mem::take(&mut self.pending);
-        let (Some(first), Some(last)) = (pending.first(), pending.last()) else { return Ok(None) };
-        let (first_frame, last_frame) = (first.observation.frame, last.observation.frame);
+        let mut pending = std::mem::take(&mut self.pending);
+        let Some(last_frame) = pending.last().map(|last| last.observation.frame) else { return Ok(None) };
+        let began_anew = self.look_again(&mut pending).map_err(|error| error.at_frame(last_frame))?;
+        let first_frame = pending[0].observation.frame;
         let x = columns(pending.iter().map(|frame| frame.observation.as_ref()));
         let refuse = |cause| LearnError::Block { last_frame, cause };
         if self.stream.is_none() {
@@ -234,7 +239,27 @@ impl Learn {
             sigma: dictionary.kernel().sigma().unwrap_or(f64::NAN),
             nu: stream.selection().nu(),
             at_budget: stream.selection().is_full(),
+            began_anew,
         }))
+    }
+
+    /// If the width of the kernel, which the first frames gave, is far too narrow for those behind them, begin anew: these frames and all before are pending
+    /// then. The width before, if so.
+    fn look_again(&mut self, pending: &mut Vec<Sample>) -> Result<Option<f64>, BeginError> {
+        let settings = &self.scenario.dictionary;
+        let (Some(begun), Some((frames, share))) = (&mut self.begun, settings.looks_again()) else { return Ok(None) };
+        begun.extend_from_slice(pending);
+        let sigma = self.stream.as_ref().and_then(|stream| stream.dictionary().kernel().sigma());
+        let Some(sigma) = sigma.filter(|_| begun.len() >= frames) else { return Ok(None) };
+        let begun = self.begun.take().unwrap_or_default();
+        let x = columns(begun.iter().map(|frame| frame.observation.as_ref()));
+        let kernel = |sigma| Kernel::radial(sigma, settings.exponent);
+        let wider = wider_for_share(x.as_ref(), settings.nu, share, sigma, kernel, self.par)?;
+        let Some(wider) = wider else { return Ok(None) };
+        self.stream = Some(self.stream_of_width(wider)?);
+        self.transitions = Transitions::new(self.scenario.value.window);
+        *pending = begun;
+        Ok(Some(sigma))
     }
 
     /// The stream, with the kernel width of the scenario or of the first frames.

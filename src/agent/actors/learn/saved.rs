@@ -61,6 +61,10 @@ impl Learn {
         let mut boundaries: Vec<(u64, usize)> = boundaries.map(|(before, cell)| (seen.add(before), *cell)).collect();
         snapshot.value("boundaries", &mut boundaries)?;
         put_samples(&self.pending, &mut seen, snapshot)?;
+        let mut looks_again = self.begun.is_some();
+        snapshot.value("looks_again", &mut looks_again)?;
+        let begun = self.begun.as_deref().unwrap_or_default();
+        snapshot.scope("begun", |snapshot| put_samples(begun, &mut seen, snapshot))?;
         seen.persist(snapshot, values)
     }
 
@@ -73,6 +77,10 @@ impl Learn {
         let of = boundaries.into_iter().map(|(frame, cell)| Ok((frame / SERIES, (seen.get(frame)?, cell))));
         self.transitions.boundaries = of.collect::<Result<_, SnapshotError>>()?;
         self.pending = take_samples(&seen, snapshot)?;
+        let mut looks_again = false;
+        snapshot.value("looks_again", &mut looks_again)?;
+        let begun = snapshot.scope("begun", |snapshot| take_samples(&seen, snapshot))?;
+        self.begun = looks_again.then_some(begun);
         Ok(())
     }
 }

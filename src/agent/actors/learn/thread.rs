@@ -87,6 +87,14 @@ impl LearnLoop<'_> {
                 let text = format!("frames {:?} are left out: their values are not finite", growth.quarantined);
                 record.diagnostic(Level::Warn, growth.stamp_ns, text)?;
             }
+            if let Some(before) = growth.began_anew {
+                let text = format!(
+                    "the kernel width that the first frames gave, {before:.0}, is too narrow for those behind them: support vectors are \
+                     chosen anew from all frames, with {:.0}",
+                    growth.sigma
+                );
+                record.diagnostic(Level::Info, growth.stamp_ns, text)?;
+            }
             record.growth(growth)?;
         }
         let Some(request) = learned.request else { return Ok(()) };
