@@ -21,20 +21,17 @@ use faer::linalg::householder::{
 };
 use faer::linalg::matmul::matmul;
 use faer::linalg::qr::no_pivoting::factor::{qr_in_place, qr_in_place_scratch};
+use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::{Accum, Conj, Mat, MatRef, Par};
 use rand::RngExt;
 
 use super::error::SlowError;
-use super::symmetric::ascending;
+use super::symmetric::{ascending, cholesky};
 use crate::kernel::products::for_columns;
 use crate::random;
 
-/// Columns of a block, for few features and for many. Products with wider blocks are faster (26 and 33 of 42 GF/s with 32 and
-/// 64 columns), but a basis of wider blocks must be larger.
-const BLOCKS: [usize; 2] = [32, 64];
-
-/// Features from which on the wide block is used.
-const MANY: usize = 256;
+/// Columns of a block. Products with wider blocks are faster, but more vectors are needed then, and the basis must be larger.
+pub(super) const BLOCK: usize = 32;
 
 /// Columns of the Householder reflections that are applied at a time.
 const REFLECTIONS: usize = 16;
@@ -54,14 +51,9 @@ pub(super) struct Found {
     pub residual: f64,
 }
 
-/// Columns of a block for `k` features.
-pub(super) fn block(k: usize) -> usize {
-    BLOCKS[usize::from(k >= MANY)]
-}
-
 /// Is the iteration one for `k` of `m` eigenvalues? Its basis must have room, and be worth it.
 pub(super) fn fits(m: usize, k: usize) -> bool {
-    has_room(m, k, block(k))
+    has_room(m, k, BLOCK)
 }
 
 /// May the basis for `k` features with blocks of `block` be as large as it needs? Any `k` can be asked for, also the largest.
@@ -90,7 +82,7 @@ pub(super) fn largest(
     tolerance: f64,
     par: Par,
 ) -> Result<Option<Found>, SlowError> {
-    let mut block = block(k);
+    let mut block = BLOCK;
     while has_room(m, k, block) {
         match iterate(operator, m, k, block, tolerance, par)? {
             Some(found) if may_have_missed_some(&found.values, block, tolerance) => block *= 2,
@@ -116,7 +108,7 @@ fn iterate(
     let limit = basis_limit(k, block);
     let mut generator = random::stream(0, "block Lanczos");
     let start = Mat::from_fn(m, block, |_, _| generator.random_range(-1.0..1.0));
-    let (mut newest, _) = thin_qr(start);
+    let (mut newest, _) = thin_qr(start, par);
     let mut basis = Mat::with_capacity(m, limit);
     let mut projected = Mat::<f64>::zeros(0, 0);
     let mut schedule = Schedule { next: 2 * k + 4 * block, last: None };
@@ -199,10 +191,10 @@ fn expand(basis: &Mat<f64>, projected: &mut Mat<f64>, mut image: Mat<f64>, par: 
     projected.resize_with(size, size, |_, _| 0.0);
     projected.as_mut().subrows_mut(size - block, block).copy_from(products.transpose());
     // Twice is enough; if nothing new is left, the factor's directions are arbitrary ones, and as good as random ones.
-    let (mut next, mut beta) = thin_qr(image);
+    let (mut next, mut beta) = thin_qr(image, par);
     for _ in 0..3 {
         project_out(basis, &mut next, par);
-        let (again, factor) = thin_qr(next);
+        let (again, factor) = thin_qr(next, par);
         next = again;
         beta = &factor * beta;
         if (0..block).all(|j| factor[(j, j)].abs() > 0.5) {
@@ -215,8 +207,10 @@ fn expand(basis: &Mat<f64>, projected: &mut Mat<f64>, mut image: Mat<f64>, par: 
 /// Subtract from the columns of `x` their part in the basis; what it was, in coordinates of the basis.
 fn project_out(basis: &Mat<f64>, x: &mut Mat<f64>, par: Par) -> Mat<f64> {
     let par = for_columns(par, x.ncols());
-    let mut products = Mat::zeros(basis.ncols(), x.ncols());
-    matmul(products.as_mut(), Accum::Replace, basis.transpose(), x.as_ref(), 1.0, par);
+    // A product whose result is stored by rows reads the basis once, as it lies in memory.
+    let mut rows = Mat::zeros(x.ncols(), basis.ncols());
+    matmul(rows.as_mut(), Accum::Replace, x.transpose(), basis.as_ref(), 1.0, par);
+    let products = rows.transpose().to_owned();
     matmul(x.as_mut(), Accum::Add, basis.as_ref(), products.as_ref(), -1.0, par);
     products
 }
@@ -227,8 +221,28 @@ fn append(basis: &mut Mat<f64>, columns: MatRef<'_, f64>) {
     basis.resize_with(columns.nrows(), size + columns.ncols(), |i, j| columns[(i, j - size)]);
 }
 
-/// `X = QR` with orthonormal columns, also where those of `X` depend on each other. One thread, for the bits.
-fn thin_qr(mut x: Mat<f64>) -> (Mat<f64>, Mat<f64>) {
+/// `X = QR` with orthonormal columns, also where those of `X` depend on each other.
+///
+/// By a Cholesky factor of `XᵀX`, whose columns are orthonormal to the square of the ratio of its pivots times 2⁻⁵³: what this leaves, the
+/// next time mends. By reflections, on one thread for the bits, where the pivots differ by too much.
+fn thin_qr(x: Mat<f64>, par: Par) -> (Mat<f64>, Mat<f64>) {
+    /// Least ratio of two pivots. Their squares would be lost in the rounding at 10⁻⁸.
+    const PIVOTS: f64 = 1e-5;
+    let b = x.ncols();
+    let par = for_columns(par, b);
+    let mut rows = x.transpose().to_owned();
+    let mut factor = Mat::zeros(b, b);
+    matmul(factor.as_mut(), Accum::Replace, rows.as_ref(), x.as_ref(), 1.0, par);
+    let is_factor = cholesky(factor.as_mut(), Par::Seq);
+    let pivots = || (0..b).map(|i| factor[(i, i)]);
+    if !(is_factor && pivots().fold(f64::INFINITY, f64::min) > PIVOTS * pivots().fold(0.0, f64::max)) {
+        return by_reflections(x);
+    }
+    solve_lower_triangular_in_place(factor.as_ref(), rows.as_mut(), par);
+    (rows.transpose().to_owned(), Mat::from_fn(b, b, |i, j| if i <= j { factor[(j, i)] } else { 0.0 }))
+}
+
+fn by_reflections(mut x: Mat<f64>) -> (Mat<f64>, Mat<f64>) {
     let (m, b) = (x.nrows(), x.ncols());
     let mut reflections = Mat::zeros(REFLECTIONS.min(b), b);
     let mut memory = MemBuffer::new(

@@ -4,6 +4,7 @@ use faer::{Col, ColMut, Mat, MatRef, Par, unzip, zip};
 
 use super::error::SlowError;
 use super::links::{Link, check_links};
+use super::symmetric::mirror;
 use crate::dictionary::Thinning;
 use crate::kernel::products::{add_square, join, product};
 #[cfg(feature = "snapshot")]
@@ -374,13 +375,7 @@ fn scale(column: ColMut<'_, f64>, factor: f64) {
 
 /// Fill a symmetric matrix from a function of its lower triangle.
 fn symmetric(m: usize, lower: impl Fn(usize, usize) -> f64) -> Mat<f64> {
-    let mut full = Mat::zeros(m, m);
-    for j in 0..m {
-        for i in j..m {
-            let value = lower(i, j);
-            full[(i, j)] = value;
-            full[(j, i)] = value;
-        }
-    }
+    let mut full = Mat::from_fn(m, m, |i, j| if i >= j { lower(i, j) } else { 0.0 });
+    mirror(full.as_mut());
     full
 }

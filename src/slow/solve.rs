@@ -4,7 +4,6 @@
 //! solvers are in `lanczos`, `dense` and `reveal`.
 
 use faer::linalg::matmul::matmul;
-use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
 use faer::{Accum, ColRef, Mat, MatRef, Par, Scale};
 
 use super::dense;
@@ -12,7 +11,7 @@ use super::error::SlowError;
 use super::lanczos::{self, Found};
 use super::moments::Moments;
 use super::reveal::{Directions, all_vary, are_resolved, no_variance};
-use super::symmetric::{cholesky, is_finite, times};
+use super::symmetric::{Factor, PANEL, cholesky, is_finite, rows_times, times};
 
 /// The `k` slowest features of `m` Newton coordinates: `φ(x) = Wᵀ(v(x) − v̄)`.
 #[derive(Debug, Clone)]
@@ -254,8 +253,8 @@ pub fn solve_with(
 
 /// The most memory that [`solve_with`] takes beside the moments, in bytes, for `k` features of `m` coordinates with λ > 0.
 ///
-/// - By Lanczos iteration with a basis of at most `l` vectors: `8 (m² + m(l + 2k + 8b) + 5l²)`. That is one matrix, and a basis of
-///   `4k` vectors at most; `b` is 32, or 64 for 256 and more features.
+/// - By Lanczos iteration with a basis of at most `l` vectors: `8 (2m² + m(l + 2k + 8b + 256) + 5l²)`. That is two matrices, the inverse
+///   corners of a factor, and a basis of `4k` vectors at most, for small `k` of eight blocks more than `k`; a block has `b = 32`.
 /// - Dense: `8 · 6m²`. With λ = 0, no usable factor, or dependent coordinates, `8 · 13m²`.
 ///
 /// What the iteration cannot find is looked for in the dense way ([`Method::Lanczos`]), with more memory.
@@ -264,9 +263,8 @@ pub fn solve_bytes(m: usize, k: usize, method: Method) -> u64 {
     let values = match method.tolerance(m, k) {
         None => 6 * wide(m) * wide(m),
         Some(_) => {
-            let block = lanczos::block(k);
-            let [m, k, basis, block] = [m, k, lanczos::basis_limit(k, block), block].map(wide);
-            m * m + m * (basis + 2 * k + 8 * block) + 5 * basis * basis
+            let [m, k, basis] = [m, k, lanczos::basis_limit(k, lanczos::BLOCK)].map(wide);
+            2 * m * m + m * (basis + 2 * k + wide(8 * lanczos::BLOCK + PANEL)) + 5 * basis * basis
         }
     };
     u64::try_from(values * size_of::<f64>() as u128).unwrap_or(u64::MAX)
@@ -307,11 +305,11 @@ impl<'a> Forms<'a> {
     /// Weights of the slowest features, in any order, and how they were found.
     fn slowest(&self, features: usize, lambda: f64, method: Method) -> Result<(Mat<f64>, Solver), SlowError> {
         let (m, moments) = (self.moments.size(), self.moments);
-        let r = self.usable_factor(lambda);
+        let r = self.usable_factor(lambda).map(|r| Factor::new(r, self.par));
         if let (Some(r), Some(tolerance)) = (&r, method.tolerance(m, features))
             && let Some(Found { values, mut vectors, applied, residual }) = self.iterate(r, features, tolerance)?
         {
-            dense::to_weights(&mut vectors, &values, r.as_ref(), self.par);
+            dense::to_weights(&mut vectors, &values, r.lower(), self.par);
             if are_resolved(vectors.as_ref(), moments) {
                 return Ok((vectors, Solver::Lanczos { applied, residual }));
             }
@@ -324,7 +322,7 @@ impl<'a> Forms<'a> {
         }
         let solver = Solver::Dense { rank_deficit: m - rank };
         if let Some(r) = r
-            && let Some(weights) = dense::slowest(moments.covariance(), r.as_ref(), features, self.par)?
+            && let Some(weights) = dense::slowest(moments.covariance(), r.lower(), features, self.par)?
             && (directions.is_none() || are_resolved(weights.as_ref(), moments))
         {
             return Ok((weights, solver));
@@ -334,13 +332,13 @@ impl<'a> Forms<'a> {
     }
 
     /// The largest eigenvalues of `M = R⁻¹CR⁻ᵀ`.
-    fn iterate(&self, r: &Mat<f64>, features: usize, tolerance: f64) -> Result<Option<Found>, SlowError> {
-        // Blocks are stored by rows: products of few columns with large matrices are a quarter to a third faster so.
+    fn iterate(&self, r: &Factor, features: usize, tolerance: f64) -> Result<Option<Found>, SlowError> {
+        let covariance = self.moments.covariance();
         let operator = |x: Mat<f64>| {
             let mut rows = x.transpose().to_owned();
-            solve_upper_triangular_in_place(r.transpose(), rows.as_mut().transpose_mut(), self.par);
-            let mut rows = self.covariance_times(rows.transpose()).transpose().to_owned();
-            solve_lower_triangular_in_place(r.as_ref(), rows.as_mut().transpose_mut(), self.par);
+            r.solve_transposed(rows.as_mut());
+            let mut rows = rows_times(rows.as_ref(), covariance.as_ref(), self.par);
+            r.solve(rows.as_mut());
             rows.transpose().to_owned()
         };
         lanczos::largest(&operator, self.moments.size(), features, tolerance, self.par)
