@@ -58,7 +58,7 @@ pub(super) fn fits(m: usize, k: usize) -> bool {
 
 /// May the basis for `k` features with blocks of `block` be as large as it needs? Any `k` can be asked for, also the largest.
 fn has_room(m: usize, k: usize, block: usize) -> bool {
-    (1..m).contains(&k) && 2 * basis_limit(k, block) <= m
+    (1..m).contains(&k) && 3 * basis_limit(k, block) <= 2 * m
 }
 
 /// The most vectors that the basis for `k` features with blocks of `block` may have.

@@ -66,7 +66,7 @@ pub enum Method {
     Dense,
     /// Block Lanczos iteration for the features that are asked for, with time of the order of m³/3 and then m² a feature.
     ///
-    /// Where it cannot do it, [`Method::Dense`] does: with more features than about an eighth of the coordinates or fewer than 576 coordinates, with λ = 0,
+    /// Where it cannot do it, [`Method::Dense`] does: with more features than a sixth of the coordinates or fewer than 432 coordinates, with λ = 0,
     /// with features within the rounding of the moments, as where coordinates depend on each other, or without convergence.
     Lanczos {
         /// Largest relative residual `‖Mu − μu‖/μ`, in (0, 1). It bounds the relative error of every eigenvalue μ. The error
