@@ -161,6 +161,7 @@ def main():
     drive(closed, ring, 700)
     closed.close()
     run = adagio.open(closed.run)
+    policy = run.policy("goal")
     empty = agent_of(ring, folder / "empty")
     empty.act(ring.picture)
     empty.close()
@@ -215,11 +216,12 @@ def main():
         return name, attempt(lambda: getattr(closed, name)(value))
 
     def without():
-        name = dice.choice(["features", "q_values", "model"])
+        name = dice.choice(["features", "q_values", "model", "policy"])
         calls = {
             "features": lambda: without_model.features(ring.picture),
             "q_values": lambda: without_model.q_values(ring.picture, "goal"),
             "model": lambda: without_model.model,
+            "policy": lambda: without_model.policy("goal"),
         }
         return name, attempt(calls[name])
 
@@ -242,6 +244,10 @@ def main():
         "features of a list": (2, lambda: with_image(lambda of: run.features([ring.picture, of]))),
         "q_values image": (2, lambda: with_image(lambda of: run.q_values(of, "goal"))),
         "q_values task": (2, lambda: one_of(tasks, lambda of: run.q_values(ring.picture, of))),
+        "policy": (2, lambda: one_of(tasks, run.policy)),
+        "policy image": (2, lambda: with_image(policy.act)),
+        "policy odometry": (2, lambda: one_of(POSES, lambda of: policy.act(ring.picture, odometry=of))),
+        "policy blocked": (1, lambda: one_of(TRUTHS, lambda of: policy.act(ring.picture, blocked=of))),
         "tables": (1, lambda: one_of(["x", 3, None, b"pose"], lambda of: run.frames[of])),
         "without a model": (1, without),
         "gym": (6, with_loop),
