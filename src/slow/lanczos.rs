@@ -223,8 +223,8 @@ fn append(basis: &mut Mat<f64>, columns: MatRef<'_, f64>) {
 
 /// `X = QR` with orthonormal columns, also where those of `X` depend on each other.
 ///
-/// By a Cholesky factor of `XᵀX`, whose columns are orthonormal to the square of the ratio of its pivots times 2⁻⁵³: what this leaves, the
-/// next time mends. By reflections, on one thread for the bits, where the pivots differ by too much.
+/// By a Cholesky factor of `XᵀX`. Columns are orthonormal up to 2⁻⁵³ divided by the square of the least ratio of two pivots, which is mended where a block goes
+/// through here a second time. By reflections, on one thread for the bits, where that ratio is too small.
 fn thin_qr(x: Mat<f64>, par: Par) -> (Mat<f64>, Mat<f64>) {
     /// Least ratio of two pivots. Their squares would be lost in the rounding at 10⁻⁸.
     const PIVOTS: f64 = 1e-5;
@@ -242,6 +242,7 @@ fn thin_qr(x: Mat<f64>, par: Par) -> (Mat<f64>, Mat<f64>) {
     (rows.transpose().to_owned(), Mat::from_fn(b, b, |i, j| if i <= j { factor[(j, i)] } else { 0.0 }))
 }
 
+/// The same by Householder reflections.
 fn by_reflections(mut x: Mat<f64>) -> (Mat<f64>, Mat<f64>) {
     let (m, b) = (x.nrows(), x.ncols());
     let mut reflections = Mat::zeros(REFLECTIONS.min(b), b);
