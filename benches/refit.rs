@@ -60,11 +60,11 @@ fn relearning(size: Size) -> Relearning {
     Relearning::new(size.m, size.n.unwrap_or(20_000), size.k.unwrap_or(200))
 }
 
-/// From moments to policies: re-solve, project the window, policy iteration for both tasks.
+/// From moments to policies, where a tenth of the window and a twentieth of the support vectors is new: re-solve, project the window, policy iteration for both tasks.
 #[divan::bench(args = new_model(), sample_size = 1, sample_count = 5, max_time = 60)]
 fn new_model_whole(bencher: Bencher, size: Size) {
     let relearning = relearning(size);
-    bencher.bench_local(|| relearning.whole());
+    bencher.with_inputs(|| relearning.kept()).bench_local_values(|kept| relearning.whole(kept));
 }
 
 /// Its first part: the solver, aligned with an earlier solution.
@@ -79,13 +79,13 @@ fn new_model_solve(bencher: Bencher, size: Size) {
 fn new_model_project(bencher: Bencher, size: Size) {
     let relearning = relearning(size);
     let model = relearning.solve();
-    bencher.bench_local(|| relearning.project(&model));
+    bencher.with_inputs(|| relearning.kept()).bench_local_values(|kept| relearning.project(&model, kept));
 }
 
 /// Its third part: policy iteration for both tasks at once.
 #[divan::bench(args = new_model(), sample_size = 1, sample_count = 5, max_time = 60)]
 fn new_model_fit(bencher: Bencher, size: Size) {
     let relearning = relearning(size);
-    let projected = relearning.project(&relearning.solve());
+    let projected = relearning.project(&relearning.solve(), relearning.kept());
     bencher.bench_local(|| relearning.fit(&projected));
 }

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use adagio::kernel::KeptProducts;
 use adagio::policy::{Recent, Reflexes, columns};
 use adagio::robot::Action;
 use adagio::scenario::Scenario;
@@ -30,6 +31,8 @@ pub struct Relearning {
     allowed: Vec<u32>,
     /// Rewards of each task.
     rewards: [Vec<f64>; 2],
+    /// Products that are there from the model before: nine tenths of the window, with all support vectors but a twentieth.
+    kept: KeptProducts,
     k: usize,
     par: Par,
 }
@@ -63,8 +66,13 @@ impl Relearning {
             let inside = |pose: &[f64; 3]| (pose[0] - goal[0]).hypot(pose[1] - goal[1]) < radius;
             poses[1..].iter().map(|pose| if inside(pose) { 1.0 } else { 0.0 }).collect()
         };
+        let window: Vec<Observation> = (0..n + 1).map(observation).collect();
+        let mut kept = KeptProducts::default();
+        kept.begin(&Arc::new(dictionary.members().subcols(0, m - m / 20).to_owned()));
+        window[n / 10..].chunks(PROJECT_AT_ONCE).for_each(|part| drop(products(&mut kept, part, par)));
         Relearning {
-            window: (0..n + 1).map(observation).collect(),
+            window,
+            kept,
             allowed: actions.iter().map(after).collect(),
             rewards: [reward([1.5, 0.9], 0.2), reward([2.4, 0.6], 0.45)],
             scenario,
@@ -78,8 +86,13 @@ impl Relearning {
     }
 
     /// All of it.
-    pub fn whole(&self) -> Vec<Fit> {
-        self.fit(&self.project(&self.solve()))
+    pub fn whole(&self, kept: KeptProducts) -> Vec<Fit> {
+        self.fit(&self.project(&self.solve(), kept))
+    }
+
+    /// What the model before has left.
+    pub fn kept(&self) -> KeptProducts {
+        self.kept.clone()
     }
 
     /// New features, aligned with those before them.
@@ -89,11 +102,14 @@ impl Relearning {
     }
 
     /// The window in features, part by part.
-    pub fn project(&self, model: &SlowModel<f32>) -> Projected {
+    pub fn project(&self, model: &SlowModel<f32>, mut kept: KeptProducts) -> Projected {
         let mut phi = Mat::zeros(model.features(), self.window.len());
         let mut cells = Vec::with_capacity(self.window.len());
+        kept.begin(&model.members);
         for (index, part) in self.window.chunks(PROJECT_AT_ONCE).enumerate() {
-            let rows = model.kernel_rows(columns(part.iter()).as_ref(), self.par).expect("observations that fit");
+            let (of_part, norms) = products(&mut kept, part, self.par);
+            let rows = model.kernel.matrix_of_products(of_part.as_ref(), model.norms(), &norms, self.par);
+            let rows = rows.expect("products that fit");
             let features = model.apply_to_rows(rows.as_ref(), self.par).expect("rows that fit");
             phi.as_mut().subcols_mut(index * PROJECT_AT_ONCE, part.len()).copy_from(&features);
             cells.extend(rows.col_iter().map(|row| greedy(row.iter().copied())));
@@ -125,4 +141,10 @@ impl Relearning {
         };
         self.rewards.par_iter().map(fit).collect()
     }
+}
+
+fn products(kept: &mut KeptProducts, part: &[Observation], par: Par) -> (Mat<f32>, Vec<f64>) {
+    let numbers: Vec<u64> = part.iter().map(|seen| seen.frame).collect();
+    let of = |places: &[usize]| columns(places.iter().map(|&place| &part[place]));
+    kept.of(&numbers, of, par).expect("whole numbers that are small enough")
 }

@@ -29,12 +29,24 @@ const WALK: Sizes<usize> = Sizes { full: FRAMES, quick: 8000, smoke: 400 };
 /// Numbers of support vectors that are aimed at.
 const VECTORS: Sizes<&[usize]> =
     Sizes { full: &[100, 200, 400, 700, 1000, 2000, 4000, 8000], quick: &[100, 200, 400, 700, 1000], smoke: &[30, 60] };
+/// Conditions are compared up to this number, and a third of the frames.
+const MOST_COMPARED: usize = 1000;
 /// Features that are solved for.
 const FEATURES: Sizes<usize> = Sizes { full: 100, quick: 60, smoke: 12 };
 /// Sizes of the images.
 const IMAGES: [(usize, usize); 2] = [(32, 16), (64, 32)];
 /// Numbers of features over which the mean is taken: the thesis plots it every 10 features.
 const MEANS: [usize; 4] = [1, 10, 30, 60];
+/// What may decide where kernel SFA overtakes linear SFA: the camera's noise and drift, patterns, and the number of frames. Settings that
+/// are not the lab's, and what the number of frames is divided by.
+const CONDITIONS: [(&str, &[&str], usize); 6] = [
+    ("as everywhere here", &[], 1),
+    ("without noise and drift", &["camera.pixel_noise=0", "camera.exposure_drift=0"], 1),
+    ("noise of 16 grey levels", &["camera.pixel_noise=16"], 1),
+    ("other patterns", &["world.texture_seed=1"], 1),
+    ("a quarter of the frames", &[], 4),
+    ("an eighth of the frames", &[], 8),
+];
 /// The number of support vectors at which kernel SFA is as slow as linear SFA in the thesis (§5.2.1).
 const LIKE_LINEAR: usize = 700;
 
@@ -125,34 +137,38 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     let scope = bench.scope;
     let (frames, features) = (scope.pick(WALK), scope.pick(FEATURES));
     let vectors = scope.vectors_up_to(scope.pick(VECTORS));
-    let mut methods: Vec<((usize, usize), Method)> = vec![(IMAGES[0], Method::Optimal), (IMAGES[0], Method::Linear)];
-    for image in IMAGES {
-        methods.extend(vectors.iter().map(|&target| (image, Method::Kernel(target))));
+    // Condition, image and methods; the first condition has both images.
+    let mut parts = vec![(0, IMAGES[0], vec![Method::Optimal, Method::Linear]), (0, IMAGES[1], Vec::new())];
+    parts.extend((1..CONDITIONS.len()).map(|condition| (condition, IMAGES[0], vec![Method::Linear])));
+    for (condition, _, methods) in &mut parts {
+        let most = if *condition == 0 { usize::MAX } else { MOST_COMPARED.min(frames / CONDITIONS[*condition].2 / 3) };
+        methods.extend(vectors.iter().filter(|&&target| target <= most).map(|&target| Method::Kernel(target)));
     }
-    bench.plan(scope.seeds.len() * methods.len());
-    let mut found = Found::new();
+    bench.plan(scope.seeds.len() * parts.iter().map(|part| part.2.len()).sum::<usize>());
+    let mut found = [(); CONDITIONS.len()].map(|()| Found::new());
     for &seed in scope.seeds.iter() {
-        let labs = IMAGES.map(|(width, height)| {
-            Lab::new(seed, &[&format!("vision.width={width}"), &format!("vision.height={height}")])
-        });
-        for (lab, image) in labs.into_iter().zip(IMAGES) {
-            let lab = lab?;
-            let walked = lab.walk(frames - 1);
+        for (condition, image, methods) in &parts {
+            let (what, sets, fewer) = CONDITIONS[*condition];
+            let actions = frames / fewer - 1;
+            let size = [format!("vision.width={}", image.0), format!("vision.height={}", image.1)];
+            let sets: Vec<&str> = size.iter().map(String::as_str).chain(sets.iter().copied()).collect();
+            let lab = Lab::new(seed, &sets)?;
+            let walked = lab.walk(actions);
             let video = Video { lab: &lab, walked: &walked, frames: Once::default(), widths: Default::default() };
-            for &(_, method) in methods.iter().filter(|(of, _)| *of == image) {
-                let data = Data::new(&lab, frames - 1);
-                let weighted_as_in_the_thesis = true;
+            for &method in methods {
+                let data = Data::new(&lab, actions);
+                let (image, weighted_as_in_the_thesis) = (*image, true);
                 let settings =
                     Settings { data, image, method, features, weighted_as_in_the_thesis, nu: NU, lambda: LAMBDA };
-                let label = format!("{}, {} × {}, seed {seed}", name(method), image.0, image.1);
+                let label = format!("{}, {} × {}, {what}, seed {seed}", name(method), image.0, image.1);
                 let outcome = bench.result(&label, &settings, || video.outcome(&settings, bench))?;
-                found.entry((image, method)).or_default().push(outcome);
+                found[*condition].entry((image, method)).or_default().push(outcome);
             }
         }
     }
-    let shown = Findings { found };
+    let [shown, others @ ..] = found.map(|found| Findings { found });
     Ok(Results {
-        tables: vec![shown.table(), shown.claims()],
+        tables: vec![shown.table(), shown.claims(), conditions(&shown, &others)],
         notes: vec![
             format!(
                 "{frames} frames, one for each action of a random walk; slowness in 1/s² on these frames, mean over the first \
@@ -365,6 +381,41 @@ impl Findings {
             ),
         ])
     }
+}
+
+/// Where kernel SFA overtakes linear SFA under each condition.
+fn conditions(first: &Findings, others: &[Findings]) -> Table {
+    let of = first.judged();
+    let mut table = Table::new(
+        format!(
+            "Support vectors with which kernel SFA is as slow as linear SFA, by the mean of the first {of} features"
+        ),
+        &[
+            "condition",
+            "linear SFA, 1/s²",
+            "kernel SFA with the fewest, 1/s²",
+            "with the most, 1/s²",
+            "vectors for linear SFA's",
+        ],
+    );
+    for (found, (what, ..)) in std::iter::once(first).chain(others).zip(CONDITIONS) {
+        let mut curve = found.curve(IMAGES[0], of);
+        curve.retain(|point| point.0 < 1.1 * MOST_COMPARED as f64);
+        let linear = found.mean(IMAGES[0], Method::Linear, of);
+        let crossing = linear.and_then(|linear| crossing(&curve, linear));
+        let slowness = |point: Option<&(f64, f64)>| Cell::maybe(point.map(|point| point.1), 4);
+        let verdict = crossing
+            .map_or("none of these".into(), |vectors| format!("{:.2} of the thesis's", vectors / LIKE_LINEAR as f64));
+        let cells = vec![
+            Cell::text(what),
+            Cell::maybe(linear, 4),
+            slowness(curve.first()),
+            slowness(curve.last()),
+            Cell::maybe(crossing, 0),
+        ];
+        table.push(cells, verdict);
+    }
+    table
 }
 
 /// The number of support vectors at which a falling curve comes down to a level, between the points on both sides, on

@@ -22,7 +22,7 @@
 //! # The files
 //! [`Kernel`] and its parameters; [`Kernel::matrix`] for blocks of observations, with what is exact about it;
 //! [`median_distance`], from which σ is chosen; [`KernelPca`], the eigenvalue problem of the covariance in the kernel's
-//! space, exactly or from a subset of support vectors ([`Approximation`]). Not public are the vectorised exponential and the
+//! space, exactly or from a subset of support vectors ([`Approximation`]); [`KeptProducts`], for values that are asked for again. Not public are the vectorised exponential and the
 //! products that have the same bits on any number of threads.
 //!
 //! # Symbols
@@ -59,6 +59,7 @@ mod covariance;
 mod error;
 mod exponential;
 mod function;
+mod kept;
 mod matrix;
 pub(crate) mod products;
 mod width;
@@ -66,6 +67,7 @@ mod width;
 pub use covariance::{Approximation, KernelPca, Scaling};
 pub use error::KernelError;
 pub use function::{Form, Kernel};
+pub use kept::{EXACT, KeptProducts};
 pub use matrix::{Scalar, squared_norms};
 pub(crate) use matrix::{finite_norms, is_usable_norm};
 pub use width::median_distance;

@@ -426,15 +426,17 @@ impl Instances {
         let norms = &self.norms[places.clone()];
         let longest = f64::from(norms.iter().copied().fold(0.0, f32::max));
         let scale = self.moved.as_ref().map_or(1.0, |(by, _)| by.scale);
+        let mut distances = vec![0.0; places.len()];
         let near = |j: usize| {
             // Up to the norm of the point itself, which is the same for all.
-            let distances = norms.iter().zip(products.col(j).iter()).map(|(&norm, &product)| norm - 2.0 * product);
-            let mut nearest = least(distances, kept);
+            let pairs = norms.iter().zip(products.col_as_slice(j));
+            distances.iter_mut().zip(pairs).for_each(|(to, (norm, product))| *to = norm - 2.0 * product);
+            let mut nearest = least(&distances, kept);
             let squared = |i: usize| self.squared(places.start + i, points, j);
             let reach = nearest.iter().map(|&i| squared(i)).fold(0.0, f64::max) * scale * scale;
             let at = at.col(j).iter().map(|&x| f64::from(x).powi(2)).sum::<f64>();
             if kept < places.len() && rounding(points.nrows(), longest, at) > TRUSTED * reach {
-                nearest = least((0..places.len()).map(squared), kept);
+                nearest = least(&(0..places.len()).map(squared).collect::<Vec<f64>>(), kept);
             }
             self.regress(nearest.into_iter().map(|i| (places.start + i) as u32).collect(), points, j)
         };
@@ -525,15 +527,24 @@ impl Persist for Instances {
     }
 }
 
-/// The places of the `kept` least numbers, the least first; of equal ones the first ones.
-fn least<T: PartialOrd + Copy>(numbers: impl Iterator<Item = T>, kept: usize) -> Vec<usize> {
+/// The places of the `kept` ≥ 1 least numbers, the least first; of equal ones the first ones.
+fn least<T: PartialOrd + Copy>(numbers: &[T], kept: usize) -> Vec<usize> {
+    /// Numbers that are compared at once, on vectors.
+    const BLOCK: usize = 32;
     let mut least: Vec<(T, usize)> = Vec::with_capacity(kept + 1);
-    for (i, number) in numbers.enumerate() {
+    for (block, start) in numbers.chunks(BLOCK).zip((0..).step_by(BLOCK)) {
         // Few of all come in, so that this takes less than the products.
-        if least.len() < kept || number < least[kept - 1].0 {
-            let place = least.partition_point(|&(less, _)| less <= number);
-            least.insert(place, (number, i));
-            least.truncate(kept);
+        if let Some(&(most, _)) = least.get(kept - 1)
+            && !block.iter().fold(false, |any, &number| any | (number < most))
+        {
+            continue;
+        }
+        for (i, &number) in block.iter().enumerate() {
+            if least.len() < kept || number < least[kept - 1].0 {
+                let place = least.partition_point(|&(less, _)| less <= number);
+                least.insert(place, (number, start + i));
+                least.truncate(kept);
+            }
         }
     }
     least.into_iter().map(|(_, i)| i).collect()

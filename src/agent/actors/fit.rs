@@ -616,9 +616,8 @@ impl Projection {
         let seen: Vec<&Observation> = unique.values().map(|seen| seen.as_ref()).collect();
         let mut phi = Mat::zeros(model.features(), seen.len());
         let mut cell = Vec::with_capacity(seen.len());
-        let parts = seen.chunks(PROJECT_AT_ONCE).map(|part| columns(part.iter().copied()));
         let mut done = 0;
-        rows.each(model, parts, par, |rows| {
+        rows.each(model, seen.chunks(PROJECT_AT_ONCE), par, |rows| {
             let features = model.apply_to_rows(rows.as_ref(), par)?;
             phi.as_mut().subcols_mut(done, rows.ncols()).copy_from(&features);
             done += rows.ncols();

@@ -1,7 +1,8 @@
 //! Kernel values of many observations, by the processor or by a graphics processor: the same to the last bit.
 //!
 //! A device computes the products of observations with support vectors, and only where they are exact: whole numbers whose squared
-//! norms are below 2²⁴. Everything after them is computed here, in double precision, as it is without a device.
+//! norms are below [`EXACT`]. Everything after them is computed here, in double precision, as it is without a device. The processor keeps
+//! products from one model to the next: of a window most observations and support vectors are those of before.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -9,12 +10,11 @@ use std::time::{Duration, Instant};
 use faer::{Mat, MatRef, Par};
 
 use crate::gpu::{Choice, Gpu, GpuError, Of, Pending, Rows};
-use crate::kernel::squared_norms;
+use crate::kernel::{EXACT, KeptProducts, squared_norms};
+use crate::policy::columns;
 use crate::scenario::Compute;
 use crate::slow::{SlowError, SlowModel};
-
-/// Squared norms of whole numbers below this have exact products in single precision.
-const EXACT: f64 = 16_777_216.0;
+use crate::vision::Observation;
 
 /// Who computes kernel values, chosen when the first ones are asked for.
 pub struct KernelRows {
@@ -25,6 +25,7 @@ pub struct KernelRows {
     slower_at: Option<usize>,
     /// Whether the device was left out because products would not have been exact.
     inexact: bool,
+    kept: KeptProducts,
 }
 
 /// A part that a device is at.
@@ -37,7 +38,14 @@ struct PendingPart {
 impl KernelRows {
     /// As a scenario has it.
     pub fn new(setting: Compute) -> Self {
-        KernelRows { setting, device: None, choice: None, slower_at: None, inexact: false }
+        KernelRows {
+            setting,
+            device: None,
+            choice: None,
+            slower_at: None,
+            inexact: false,
+            kept: KeptProducts::default(),
+        }
     }
 
     /// Who computes them, and why; `None` as long as there were none, or if nothing but the processor was asked for.
@@ -51,23 +59,25 @@ impl KernelRows {
         Some(choice)
     }
 
-    /// Hand the kernel values of parts of observations to `take`, in their order: `m × n` for a part of `d × n`.
+    /// Hand the kernel values of parts of observations to `take`, in their order: `m × n` for a part of `n`. The numbers of their frames tell
+    /// observations apart.
     ///
     /// # Errors
     /// Observations of another length than the support vectors, and what `take` refuses.
-    pub fn each(
+    pub fn each<'a>(
         &mut self,
         model: &SlowModel<f32>,
-        parts: impl Iterator<Item = Mat<f32>>,
+        parts: impl Iterator<Item = &'a [&'a Observation]>,
         par: Par,
         mut take: impl FnMut(Mat<f64>) -> Result<(), SlowError>,
     ) -> Result<(), SlowError> {
         let mut begun: Option<PendingPart> = None;
         let mut holds = false;
-        for x in parts {
+        self.kept.begin(&model.members);
+        for part in parts {
             let grown = self.slower_at.is_some_and(|m| model.members.ncols() >= 2 * m);
             if self.setting != Compute::Cpu && (self.choice.is_none() || grown) {
-                self.choose(model, x.as_ref(), par)?;
+                self.choose(model, columns(part.iter().copied()).as_ref(), par)?;
             }
             if !holds && let Some(device) = &mut self.device {
                 holds = true;
@@ -75,13 +85,13 @@ impl KernelRows {
                 self.note(held);
             }
             // The next part is begun before the last one is finished.
-            let next = self.begin(model, x);
+            let next = self.begin(model, part);
             if let Some(last) = begun.take() {
                 take(self.finish(model, last, par)?)?;
             }
             match next {
-                Ok(next) => begun = Some(next),
-                Err(x) => take(model.kernel_rows(x.as_ref(), par)?)?,
+                Some(next) => begun = Some(next),
+                None => take(self.by_processor(model, part, par)?)?,
             }
         }
         match begun {
@@ -90,20 +100,32 @@ impl KernelRows {
         }
     }
 
-    /// Have the device begin with a part; the part again, if it is not to.
-    fn begin(&mut self, model: &SlowModel<f32>, x: Mat<f32>) -> Result<PendingPart, Mat<f32>> {
-        let Some(device) = &mut self.device else { return Err(x) };
+    fn by_processor(&mut self, model: &SlowModel<f32>, part: &[&Observation], par: Par) -> Result<Mat<f64>, SlowError> {
+        let numbers: Vec<u64> = part.iter().map(|seen| seen.frame).collect();
+        let of = |places: &[usize]| columns(places.iter().map(|&place| part[place]));
+        match self.kept.of(&numbers, of, par) {
+            Some((products, norms)) => {
+                Ok(model.kernel.matrix_of_products(products.as_ref(), model.norms(), &norms, par)?)
+            }
+            None => model.kernel_rows(columns(part.iter().copied()).as_ref(), par),
+        }
+    }
+
+    /// Have the device begin with a part; `None` if it is not to.
+    fn begin(&mut self, model: &SlowModel<f32>, part: &[&Observation]) -> Option<PendingPart> {
+        let device = self.device.as_mut()?;
+        let x = columns(part.iter().copied());
         let norms = squared_norms(x.as_ref());
         let exact = model.norms().iter().chain(&norms).all(|&norm| norm < EXACT);
         self.inexact |= !exact;
         if !exact || x.nrows() != model.members.nrows() {
-            return Err(x);
+            return None;
         }
         match device.begin(x.as_ref(), &norms, Of::Products) {
-            Ok(pending) => Ok(PendingPart { x, norms, pending }),
+            Ok(pending) => Some(PendingPart { x, norms, pending }),
             Err(error) => {
                 self.note(Err(error));
-                Err(x)
+                None
             }
         }
     }
@@ -194,23 +216,24 @@ mod tests {
     fn on(gpu: &Arc<Gpu>, d: usize) -> KernelRows {
         let device = Some(Rows::new(gpu.clone(), d).unwrap());
         let choice = Some(Choice::device(gpu, "a test".into()));
-        KernelRows { setting: Compute::Gpu, device, choice, slower_at: None, inexact: false }
+        KernelRows { device, choice, ..KernelRows::new(Compute::Gpu) }
     }
 
-    fn model(d: usize, level: f32) -> SlowModel<f32> {
-        let members = Mat::from_fn(d, 5, |i, j| level + ((7 * i + 3 * j) % 11) as f32);
+    fn model(d: usize) -> SlowModel<f32> {
+        let members = Mat::from_fn(d, 5, |i, j| ((7 * i + 3 * j) % 11) as f32);
         let projection = Mat::from_fn(5, 1, |i, _| i as f64);
         SlowModel::from_parts(Kernel::gaussian(20.0).unwrap(), members, projection, vec![0.0], vec![1.0]).unwrap()
     }
 
-    fn part(d: usize, number: usize) -> Mat<f32> {
-        Mat::from_fn(d, 3, |i, j| ((5 * i + 2 * j + number) % 13) as f32)
+    fn part(d: usize, number: usize, level: usize) -> Vec<Observation> {
+        let pixel = |j: usize| move |i: usize| (level + (5 * i + 2 * j + number) % 13) as u8;
+        (0..3).map(|j| Observation { frame: (3 * number + j) as u64, pixels: (0..d).map(pixel(j)).collect() }).collect()
     }
 
     #[test]
     fn a_device_that_fails_between_two_parts_changes_no_value() {
         let Some((_turn, gpu)) = device() else { return };
-        let (d, model) = (40, model(40, 0.0));
+        let (d, model) = (40, model(40));
         let mut rows = on(&gpu, d);
         let mut found = Vec::new();
         let keep = |part: Mat<f64>| {
@@ -220,10 +243,12 @@ mod tests {
             }
             Ok(())
         };
-        rows.each(&model, (0..6).map(|number| part(d, number)), Par::Seq, keep).unwrap();
+        let parts: Vec<Vec<Observation>> = (0..6).map(|number| part(d, number, 128)).collect();
+        let seen: Vec<Vec<&Observation>> = parts.iter().map(|part| part.iter().collect()).collect();
+        rows.each(&model, seen.iter().map(Vec::as_slice), Par::Seq, keep).unwrap();
         assert_eq!(found.len(), 6);
-        for (number, found) in found.iter().enumerate() {
-            assert_eq!(found, &model.kernel_rows(part(d, number).as_ref(), Par::Seq).unwrap(), "part {number}");
+        for (number, (found, part)) in found.iter().zip(&parts).enumerate() {
+            assert_eq!(found, &model.kernel_rows(columns(part.iter()).as_ref(), Par::Seq).unwrap(), "part {number}");
         }
         let choice = rows.choice().unwrap();
         assert!(choice.gpu.is_some() && !choice.is_device() && rows.device.is_none(), "{choice:?}");
@@ -232,15 +257,16 @@ mod tests {
     #[test]
     fn what_a_device_cannot_count_exactly_stays_here_and_is_told() {
         let Some((_turn, gpu)) = device() else { return };
-        // 40 · 700² is beyond 2²⁴.
-        let (d, bright) = (40, model(40, 700.0));
+        // 2000 · 115² is beyond 2²⁴.
+        let (d, dark, model) = (2000, part(2000, 0, 0), model(2000));
         let mut rows = on(&gpu, d);
         let check = |found: Mat<f64>| {
-            assert_eq!(found, bright.kernel_rows(part(d, 0).as_ref(), Par::Seq).unwrap());
+            assert_eq!(found, model.kernel_rows(columns(dark.iter()).as_ref(), Par::Seq).unwrap());
             Ok(())
         };
         assert!(!rows.choice().unwrap().why.contains("exactly"));
-        rows.each(&bright, std::iter::once(part(d, 0)), Par::Seq, check).unwrap();
+        let seen: Vec<&Observation> = dark.iter().collect();
+        rows.each(&model, std::iter::once(seen.as_slice()), Par::Seq, check).unwrap();
         assert!(rows.choice().unwrap().why.contains("exactly"), "{:?}", rows.choice());
     }
 }

@@ -93,9 +93,17 @@ fn turned(a: f64, b: f64) -> f64 {
     by.min(TAU - by)
 }
 
-/// An angle from 0 to a full turn. Most are already, and a remainder is slow.
+/// An angle from 0 to a full turn. Most are already, or a turn away; a remainder is slow, and gives the same.
 fn around(angle: f64) -> f64 {
-    if (0.0..TAU).contains(&angle) { angle } else { angle.rem_euclid(TAU) }
+    if (0.0..TAU).contains(&angle) {
+        angle
+    } else if -TAU < angle && angle < 0.0 {
+        angle + TAU
+    } else if (TAU..2.0 * TAU).contains(&angle) {
+        angle - TAU
+    } else {
+        angle.rem_euclid(TAU)
+    }
 }
 
 /// The nearest whole number, and of halves the one that is farther from 0: as `round`, which is a slow call on processors of all kinds.

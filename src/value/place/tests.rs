@@ -257,6 +257,15 @@ fn ways_of_several_robots_join_where_they_meet_and_until_then_have_no_places() {
 }
 
 #[test]
+fn an_angle_goes_around_as_its_remainder_bit_for_bit() {
+    let ends = [-2.0 * TAU, -TAU, -0.0, 0.0, TAU, 2.0 * TAU, -1e-300, f64::NAN];
+    let beside = ends.into_iter().flat_map(|end: f64| [end, end.next_up(), end.next_down()]);
+    for angle in (-20_000..20_000).map(|i| 1e-3 * f64::from(i)).chain(beside) {
+        assert_eq!(around(angle).to_bits(), angle.rem_euclid(TAU).to_bits(), "{angle}");
+    }
+}
+
+#[test]
 fn a_map_tells_what_is_seen_behind_a_turn() {
     let mut rooms = Rooms::new(1, 0, 3);
     let (points, _, truth) = rooms.drive(3000);
