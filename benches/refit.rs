@@ -60,7 +60,8 @@ fn relearning(size: Size) -> Relearning {
     Relearning::new(size.m, size.n.unwrap_or(20_000), size.k.unwrap_or(200))
 }
 
-/// From moments to policies, where a tenth of the window and a twentieth of the support vectors is new: re-solve, project the window, policy iteration for both tasks.
+/// From moments to policies, where a tenth of the window and a twentieth of the support vectors is new: re-solve, project the window,
+/// policy iteration for both tasks.
 #[divan::bench(args = new_model(), sample_size = 1, sample_count = 5, max_time = 60)]
 fn new_model_whole(bencher: Bencher, size: Size) {
     let relearning = relearning(size);

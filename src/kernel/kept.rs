@@ -8,10 +8,10 @@ use faer::{Accum, Mat, Par};
 
 use super::matrix::squared_norms;
 
-/// Squared norms of whole numbers below this have exact products in single precision; see [`Kernel::matrix`](super::Kernel::matrix).
+/// Observations of whole numbers whose squared norms are below this have exact products in single precision; see [`Kernel::matrix`](super::Kernel::matrix).
 pub const EXACT: f64 = 16_777_216.0;
 
-/// Products of observations with support vectors, as long as they are exact: they are then the same bits whenever they were computed,
+/// Products of observations with support vectors, both of whole numbers, as long as they are exact: they are then the same bits whenever they were computed,
 /// and with [`Kernel::matrix_of_products`](super::Kernel::matrix_of_products) they give the kernel values of
 /// [`Kernel::matrix`](super::Kernel::matrix), under any kernel.
 ///
@@ -47,8 +47,8 @@ struct Kept {
 }
 
 impl KeptProducts {
-    /// Go on with these support vectors, `d × m`. Products with those that are first in both sets are kept, of observations that were asked for since
-    /// the last call.
+    /// Go on with these support vectors, `d × m`. Products with those that are first in both sets are kept, of observations that were
+    /// asked for since the last call.
     pub fn begin(&mut self, members: &Arc<Mat<f32>>) {
         let (before, m) = (self.members.take(), members.ncols());
         let alike = |before: &Arc<Mat<f32>>| {
@@ -101,8 +101,11 @@ impl KeptProducts {
             for (j, &place) in places.iter().enumerate() {
                 let kept = || Kept { norm: norms[j], products: Vec::new(), is_used: false };
                 let kept = self.kept.entry(numbers[place]).or_insert_with(kept);
-                kept.products.reserve_exact(m - count);
-                kept.products.extend_from_slice(new.col_as_slice(j));
+                // A number that is given twice has its products already.
+                if kept.products.len() == count {
+                    kept.products.reserve_exact(m - count);
+                    kept.products.extend_from_slice(new.col_as_slice(j));
+                }
             }
         }
         let (mut products, mut norms) = (Mat::zeros(m, numbers.len()), Vec::with_capacity(numbers.len()));
@@ -152,10 +155,17 @@ mod tests {
                 assert_eq!(found, right);
             }
         }
-        // Those that were not asked for are gone, and nothing is computed again for those that were.
-        kept.begin(&Arc::new(Mat::from_fn(d, 2, |i, j| x[(i, [8, 9][j])])));
+        // Nothing is computed again for those that were asked for, also twice; those that were not are gone with the next call.
+        let again = Arc::new(Mat::from_fn(d, 2, |i, j| x[(i, [8, 9][j])]));
+        let known = |_: &[usize]| -> Mat<f32> { panic!("these are kept") };
+        kept.begin(&again);
+        assert!(kept.of(&[1, 1], known, Par::Seq).is_some());
         assert_eq!(kept.kept.len(), 2);
-        assert!(kept.of(&[1, 2], |_| panic!("these are kept"), Par::Seq).is_some());
+        kept.begin(&again);
+        assert_eq!(kept.kept.len(), 1);
+        let columns = |places: &[usize]| Mat::from_fn(d, places.len(), |i, _| x[(i, 2)]);
+        let (products, _) = kept.of(&[2, 2, 1], columns, Par::Seq).unwrap();
+        assert_eq!((products.col(0), kept.kept[&2].products.len()), (products.col(1), 2));
     }
 
     #[test]

@@ -22,7 +22,8 @@
 //! # The files
 //! [`Kernel`] and its parameters; [`Kernel::matrix`] for blocks of observations, with what is exact about it;
 //! [`median_distance`], from which σ is chosen; [`KernelPca`], the eigenvalue problem of the covariance in the kernel's
-//! space, exactly or from a subset of support vectors ([`Approximation`]); [`KeptProducts`], for values that are asked for again. Not public are the vectorised exponential and the
+//! space, exactly or from a subset of support vectors ([`Approximation`]); [`KeptProducts`], for values that are asked for
+//! again. Not public are the vectorised exponential and the
 //! products that have the same bits on any number of threads.
 //!
 //! # Symbols
