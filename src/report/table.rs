@@ -109,11 +109,13 @@ pub fn table(report: &Report) -> String {
 
 /// What came of another program's log: what was found, and what was left out.
 fn imported_lines(imported: &ImportReport) -> String {
-    let [forward, left, right] = imported.actions.map(Numbered);
+    let counts = imported.actions.iter().zip(&imported.action_names);
+    let actions: Vec<String> = counts.map(|(&count, name)| format!("{} × {name}", Numbered(count))).collect();
     let mut text = format!(
-        "of {} images {} frames; cut into {forward} × forward ({} blocked), {left} × left, {right} × right\n",
+        "of {} images {} frames; cut into {}; {} blocked\n",
         Numbered(imported.images),
         Numbered(imported.frames),
+        actions.join(", "),
         Numbered(imported.blocked),
     );
     for (count, what) in [

@@ -66,8 +66,9 @@ impl Topics {
             action: topic(
                 s,
                 "action",
-                "adagio_msgs Decision, or by name std_msgs integers (0 forward, 1 left, 2 right) or String (\"forward\", \
-                 \"left\", \"right\"): one message when an action begins; without it actions are cut from the motion",
+                "adagio_msgs Decision, or by name std_msgs integers (0 forward, 1 left, 2 right; or [[action]] in their order) or \
+                 String (\"forward\", \"left\", \"right\"; or their names): one message when an action begins; without it actions are \
+                 cut from the motion",
             ),
             sonar: topic(s, "sonar", "sensor_msgs LaserScan"),
             mark: topic(s, "mark", "std_msgs String, the name of a task that is shown; \"auto\" is /adagio/mark"),

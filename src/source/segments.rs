@@ -22,7 +22,7 @@
 
 use std::collections::VecDeque;
 
-use crate::robot::{Action, Pose, wrap};
+use crate::robot::{Action, Motion, Pose, wrap};
 use crate::scenario::Robot;
 
 /// Motion of another kind becomes the kind of motion when it has gained this share of an action.
@@ -68,9 +68,17 @@ pub struct Step {
 }
 
 impl Rule {
-    /// What an action of a robot is.
+    /// What an action of a robot is: its longest one, and the one that turns most.
     pub fn of(robot: &Robot) -> Self {
-        Rule { forward: robot.forward, turn: robot.turn_deg.to_radians(), seconds: robot.action_seconds }
+        let most = |of: fn(Motion) -> f64, otherwise: f64| {
+            let most = robot.actions.iter().map(|action| of(robot.actions.motion(action)).abs()).fold(0.0, f64::max);
+            if most > 0.0 { most } else { otherwise }
+        };
+        Rule {
+            forward: most(|motion| motion.distance, robot.forward),
+            turn: most(|motion| motion.angle, robot.turn_deg.to_radians()),
+            seconds: robot.action_seconds,
+        }
     }
 
     /// The motion between two poses that are `seconds` apart, while the robot was commanded to drive `commanded` metres ahead.
@@ -84,10 +92,9 @@ impl Rule {
         Step { ahead, turned, stuck, duration }
     }
 
-    /// The same where nobody knows where the robot is: it does what it was told to, ahead.
-    pub fn as_commanded(&self, seconds: f64) -> Step {
-        let duration = seconds / self.seconds;
-        Step { ahead: duration, duration, ..Step::default() }
+    /// The same where nobody knows where the robot is: of what it did, nothing is a number.
+    pub fn unmeasured(&self, seconds: f64) -> Step {
+        Step { ahead: f64::NAN, turned: f64::NAN, stuck: 0.0, duration: seconds / self.seconds }
     }
 
     /// Whether no robot drives from one pose to the other in so many seconds: somebody carried it, or its localisation has

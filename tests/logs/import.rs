@@ -347,6 +347,39 @@ fn every_kind_of_camera_pose_command_and_action_is_read() {
         assert_eq!((told.frames, told.ends), (1.0, 1.0), "{told:?}");
         assert!(told.blocked > 0.9, "{told:?}");
     }
+
+    // Where actions are the scenario's own, names and lengths are, too: here turns come first, and a move is said to be so long that
+    // none reaches half of it.
+    let actions = "[[action]]\nname = \"Left\"\nturn_deg = 45\n[[action]]\nname = \"right\"\nturn_deg = -45\n\
+                   [[action]]\nname = \"forward\"\nforward = ";
+    let program = |length: f64, out: &str, more: &[&str]| {
+        let scenario = folder.path().join(format!("{out}.toml"));
+        std::fs::write(&scenario, format!("name = \"own\"\n[robot]\nbody = \"program\"\n{actions}{length:?}\n"))
+            .unwrap();
+        let fixed =
+            ["replay", "bag", "--scenario", scenario.to_str().unwrap(), "--out", out, "--quiet", "--no-evaluate"];
+        let topics = ["--set", "topics.camera=/camera/mono", "--set", "topics.pose=/odom"];
+        adagio(folder.path(), &[&fixed[..], &topics, more].concat())
+    };
+    let drive = report(&folder.path().join("mono"))["imported"].clone();
+    for (length, out) in [(0.3, "own"), (1.0, "longer")] {
+        let output = program(length, out, &["--set", "topics.action=/action_name"]);
+        assert!(output.status.success(), "{}", stderr(&output));
+        let own = report(&folder.path().join(out))["imported"].clone();
+        assert_eq!(own["action_names"], json!(["Left", "right", "forward"]));
+        let [forward, left, right] = [0, 1, 2].map(|number| drive["actions"][number].clone());
+        assert_eq!(own["actions"], json!([left, right, forward]));
+        assert_eq!(own["blocked"], if out == "own" { &drive["blocked"] } else { &drive["actions"][0] }.clone());
+        assert_eq!(own["jumps"], 0);
+        assert!(
+            stdout(&output).contains(&format!("{left} × Left, {right} × right, {forward} × forward; ")),
+            "{}",
+            stdout(&output)
+        );
+    }
+    let output = program(0.3, "none", &[]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(stderr(&output).contains("topics.action is not given: with [[action]]"), "{}", stderr(&output));
 }
 
 /// No pose at all: actions as they were recorded, a place that somebody marked, and a reward that the robot's own software published.

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use crate::robot::Action;
+use crate::robot::{Action, ActionSet};
 use crate::source::{Segment, Step};
 
 /// A recorded action lasts no longer than this many usual durations; later frames belong to none.
@@ -12,8 +12,11 @@ const LONGEST: f64 = 2.0;
 const HALF: f64 = 0.5;
 
 /// Frames by the recorded actions.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct RecordedActions {
+    actions: ActionSet,
+    /// What a step counts as one ahead, metres.
+    forward: f64,
     action: Option<Action>,
     /// Since it began, in durations of an action.
     duration: f64,
@@ -23,6 +26,12 @@ pub struct RecordedActions {
 }
 
 impl RecordedActions {
+    /// Of a robot that can do these; `forward`: what its steps count as one ahead, metres.
+    pub fn new(actions: ActionSet, forward: f64) -> Self {
+        let finished = VecDeque::new();
+        RecordedActions { actions, forward, action: None, duration: 0.0, frames: 0, ahead: 0.0, finished }
+    }
+
     /// An action begins, or one ends that no other follows.
     pub fn begin(&mut self, action: Option<Action>) {
         self.close();
@@ -54,7 +63,10 @@ impl RecordedActions {
 
     fn close(&mut self) {
         if self.frames > 0 {
-            let blocked = self.action == Some(Action::FORWARD) && self.ahead < HALF;
+            // What nobody measured was not blocked, nor was an action whose length nobody knows.
+            let advances = self.action.filter(|&action| self.actions.advances(action));
+            let is_short = |action| self.ahead * self.forward / self.actions.motion(action).distance < HALF;
+            let blocked = advances.is_some_and(is_short);
             self.finished.push_back(Segment { frames: self.frames, action: self.action, blocked });
         }
         (self.frames, self.ahead) = (0, 0.0);
@@ -64,6 +76,7 @@ impl RecordedActions {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::robot::{ActionSpec, Motion};
 
     fn steps(commanded: &mut RecordedActions, frames: usize, ahead: f64) {
         for _ in 0..frames {
@@ -73,7 +86,7 @@ mod tests {
 
     #[test]
     fn each_action_lasts_to_the_next_but_not_for_ever() {
-        let mut commanded = RecordedActions::default();
+        let mut commanded = RecordedActions::new(ActionSet::differential_drive(0.3, 0.8), 0.3);
         steps(&mut commanded, 3, 0.0);
         commanded.begin(Some(Action::FORWARD));
         steps(&mut commanded, 5, 0.2);
@@ -97,5 +110,25 @@ mod tests {
             (2, None, false),
         ];
         assert_eq!(found, expected);
+    }
+
+    /// Turns come first here, a move is twice as long as a step counts, and one goes back.
+    #[test]
+    fn an_action_is_blocked_by_its_own_length() {
+        let spec = |name: &str, distance: f64, angle: f64| ActionSpec {
+            name: name.into(),
+            motion: Motion { distance, angle },
+            inverse: None,
+        };
+        let actions = vec![spec("left", 0.0, 0.8), spec("ahead", 0.6, 0.0), spec("back", -0.3, 0.0)];
+        let actions = ActionSet::new(actions);
+        let mut commanded = RecordedActions::new(actions.clone(), 0.3);
+        for (number, ahead) in [(0, 0.0), (1, 0.3), (1, 0.18), (2, -0.12), (2, -0.08)] {
+            commanded.begin(actions.get(number));
+            steps(&mut commanded, 5, ahead);
+        }
+        commanded.interrupt();
+        let blocked: Vec<bool> = std::iter::from_fn(|| commanded.finished()).map(|s| s.blocked).collect();
+        assert_eq!(blocked, [false, false, true, false, true]);
     }
 }

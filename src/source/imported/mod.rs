@@ -44,9 +44,11 @@ pub struct ImportReport {
     pub images: u64,
     /// Frames that were made of them.
     pub frames: u64,
-    /// Actions found: forward, left, right.
-    pub actions: [u64; 3],
-    /// Of these, blocked ones.
+    /// Actions found, by their numbers.
+    pub actions: Vec<u64>,
+    /// Their names.
+    pub action_names: Vec<String>,
+    /// Actions that were blocked.
     pub blocked: u64,
     /// Images left out because the robot did nothing then that is an action.
     pub without_action: u64,
@@ -147,9 +149,14 @@ impl Imported {
         let usual = usual.ok_or_else(|| ImportError::Rate("there are no two images".into()))?;
         let rule = Rule::of(&scenario.robot);
         let cutting = match &roles.action {
-            Some(_) => Segmentation::RecordedActions(RecordedActions::default()),
+            Some(_) => {
+                Segmentation::RecordedActions(RecordedActions::new(scenario.robot.actions.clone(), rule.forward))
+            }
             None => Segmentation::Motion(Box::default()),
         };
+        let known = &scenario.robot.actions;
+        let action_names = known.iter().map(|action| known.name(action).to_owned()).collect();
+        let report = ImportReport { actions: vec![0; known.len()], action_names, ..ImportReport::default() };
         let mut imported = Imported {
             rule,
             gap_ns: (scenario.topics.gap_intervals * usual) as u64,
@@ -161,7 +168,7 @@ impl Imported {
             ready: VecDeque::new(),
             ended: false,
             sensed: 0,
-            report: ImportReport::default(),
+            report,
         };
         imported.fill();
         if imported.ready.is_empty() {
@@ -245,8 +252,7 @@ impl Imported {
             } else {
                 let step = match poses {
                     Some((before, now)) => self.rule.step(&before, &now, seconds, sensed.commanded),
-                    // Nobody knows how far it went: as far as it was to.
-                    None => self.rule.as_commanded(seconds),
+                    None => self.rule.unmeasured(seconds),
                 };
                 self.cut(step, sensed.stamp_ns);
             }

@@ -9,7 +9,7 @@ use super::picture::{self, PictureError};
 use super::topics::{Roles, stamp_ns};
 use crate::log::messages::{self as msg, Message, foreign};
 use crate::log::{FilesReader, LogError, Record, cdr};
-use crate::robot::{Action, Pose, wrap};
+use crate::robot::{Action, ActionSet, Pose, wrap};
 use crate::scenario::Scenario;
 use crate::source::live::Scan;
 use crate::source::{Mark, parse_mark};
@@ -371,20 +371,28 @@ impl Senses {
     }
 
     fn action(&mut self, kind: &str, data: &[u8], stamp_ns: u64) -> Result<(), LogError> {
-        let number = match kind {
-            msg::Decision::TYPE => Some(i64::from(cdr::decode::<msg::Decision>(data)?.action)),
-            _ if kind != msg::Text::TYPE => integer(kind, data)?,
-            _ => match cdr::decode::<msg::Text>(data)?.data.trim().to_lowercase().as_str() {
-                "forward" => Some(0),
-                "left" | "turn_left" => Some(1),
-                "right" | "turn_right" => Some(2),
-                _ => None,
-            },
+        let actions = &self.scenario.robot.actions;
+        let numbered = |number: Option<i64>| actions.get(usize::try_from(number?).ok()?);
+        let action = match kind {
+            msg::Decision::TYPE => numbered(Some(cdr::decode::<msg::Decision>(data)?.action.into())),
+            msg::Text::TYPE => named(actions, &cdr::decode::<msg::Text>(data)?.data),
+            _ => numbered(integer(kind, data)?),
         };
-        let action = number.and_then(|number| Action::DRIVE.get(usize::try_from(number).ok()?).copied());
         keep(&mut self.actions, (stamp_ns, action), MOST_AHEAD);
         Ok(())
     }
+}
+
+/// The action of a name; "turn left" is "turn_left" and "left", too.
+fn named(actions: &ActionSet, word: &str) -> Option<Action> {
+    let word = word.trim();
+    let plain = |text: &str| text.to_lowercase().replace('_', " ");
+    let is = |action: &Action| {
+        let (name, word) = (plain(actions.name(*action)), plain(word));
+        name == word || name.strip_prefix("turn ") == Some(&word)
+    };
+    let is_exactly = |action: &Action| actions.name(*action) == word;
+    actions.iter().find(is_exactly).or_else(|| actions.iter().find(is))
 }
 
 /// The number in a message of one of the types of integers; `None` beyond those of 64 bits with a sign, and for other types.

@@ -8,6 +8,7 @@ use thiserror::Error;
 
 use crate::log::messages::{self as msg, Message as _, foreign};
 use crate::log::{LogError, LogReader, Record, topics};
+use crate::robot::ActionSet;
 use crate::scenario::{Scenario, Stamps, TopicChoice};
 
 /// Intervals between messages that the usual one is the median of.
@@ -238,6 +239,15 @@ impl LogContents {
         let camera = self.role("topics.camera", &wanted.camera, &CAMERA, &[&CAMERA], true)?;
         let action_kinds = [&[ACTION, msg::Text::TYPE][..], &INTEGERS].concat();
         let action = self.role("topics.action", &wanted.action, &action_kinds, &[&[ACTION]], false)?;
+        let robot = &scenario.robot;
+        // Which of others it was cannot be told from a motion.
+        if action.is_none()
+            && robot.actions != ActionSet::differential_drive(robot.forward, robot.turn_deg.to_radians())
+        {
+            return Err(self.refuse(
+                "topics.action is not given: with [[action]] the log must say which of them was done".to_owned(),
+            ));
+        }
         let needs_pose = scenario.robot.pose_known || action.is_none();
         let pose = self.role("topics.pose", &wanted.pose, &pose_kinds, &[&POSE, &[TRANSFORMS]], needs_pose)?;
         if pose.is_none() && needs_pose {
