@@ -354,8 +354,9 @@ fn every_kind_of_camera_pose_command_and_action_is_read() {
                    [[action]]\nname = \"forward\"\nforward = ";
     let program = |length: f64, out: &str, more: &[&str]| {
         let scenario = folder.path().join(format!("{out}.toml"));
-        std::fs::write(&scenario, format!("name = \"own\"\n[robot]\nbody = \"program\"\npose = \"known\"\n[[task]]\nname = \"centre\"\ngoal = [1.5, 0.9]\n{actions}{length:?}\n"))
-            .unwrap();
+        let robot = "name = \"own\"\n[robot]\nbody = \"program\"\npose = \"known\"\n";
+        let task = "[[task]]\nname = \"centre\"\ngoal = [1.5, 0.9]\n";
+        std::fs::write(&scenario, format!("{robot}{task}{actions}{length:?}\n")).unwrap();
         let fixed =
             ["replay", "bag", "--scenario", scenario.to_str().unwrap(), "--out", out, "--quiet", "--no-evaluate"];
         let topics =

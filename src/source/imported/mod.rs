@@ -2,7 +2,7 @@
 //!
 //! ```text
 //!  survey ──roles──▶ senses ──image, pose, command──▶ cutting ──segments──▶ frames
-//!  which topic         what was sensed                  the three actions      as any other source
+//!  which topic         what was sensed                  actions                as any other source
 //!  is what             with each image                  (source::segments)     gives them
 //! ```
 //!
