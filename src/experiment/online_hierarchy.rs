@@ -19,7 +19,7 @@ use crate::slow::{Link, Shape};
 pub const EXPERIMENT: Experiment = Experiment {
     name: "online-hierarchy",
     line: "five layers that learn frame by frame while the rat runs (figure Wyss06), beside place-cells",
-    lasts: Sizes { full: "6 min", quick: "1 min", smoke: "seconds" },
+    lasts: Sizes { full: "12 min", quick: "2 min", smoke: "seconds" },
     run,
 };
 
@@ -42,10 +42,13 @@ const LAYERS: [OnlineLayer; 5] = [
 const LEARNING: Learning = Learning {
     objective: Coherence { decorrelation: 0.3, mean: 0.0 },
     learning_rate: 0.0002,
+    decay: 0.0001,
     forgetting: 0.0005,
     memory: 2.0,
     settle: 0,
 };
+/// Decays of the learning rate that are compared; the first is that of [`LEARNING`].
+const DECAYS: [(f64, &str); 2] = [(LEARNING.decay, "a rate that falls"), (0.0, "a constant rate")];
 /// Units of each layer that are drawn.
 const EXAMPLES: usize = 2;
 
@@ -55,6 +58,7 @@ struct Settings {
     motion: Motion,
     run: (usize, usize, usize),
     places: Grid,
+    decay: f64,
     /// Layers and how they learn, as text: they are constants.
     learns: String,
 }
@@ -73,7 +77,7 @@ struct Learned {
 fn compute(lab: &Lab, settings: &Settings, bench: &Bench<'_>) -> Result<Vec<Learned>, ExperimentError> {
     let (frames, settle, held_out) = settings.run;
     let seed = lab.scenario.seed;
-    let learning = Learning { settle, ..LEARNING };
+    let learning = Learning { settle, decay: settings.decay, ..LEARNING };
     let mut network = OnlineNetwork::new(SHAPE, &LAYERS, learning, &mut stream(seed, "online hierarchy"))?;
     let link = Some(Link { dt: 1.0, weight: 1.0 });
     let path = run_of(&lab.world, settings.motion, frames, seed);
@@ -121,27 +125,31 @@ fn slowness(features: &Mat<f64>) -> f64 {
 fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     let scope = bench.scope;
     let (run, places) = (scope.pick(RUN), scope.pick(PLACES));
-    bench.plan(scope.seeds.len() * MOTIONS.len());
-    let mut found: [Vec<Vec<Learned>>; 2] = Default::default();
+    bench.plan(scope.seeds.len() * MOTIONS.len() * DECAYS.len());
+    let mut found: [[Vec<Vec<Learned>>; MOTIONS.len()]; DECAYS.len()] = Default::default();
     for &seed in scope.seeds.iter() {
         let lab = place_cells::lab(seed)?;
         for (number, (name, motion)) in MOTIONS.into_iter().enumerate() {
-            let learns = format!("{LAYERS:?} {LEARNING:?}");
-            let settings = Settings { scenario: lab.scenario.sha256(), motion, run, places, learns };
-            let label = format!("{name}, seed {seed}");
-            found[number].push(bench.result(&label, &settings, || compute(&lab, &settings, bench))?);
+            for (found, (decay, rate)) in found.iter_mut().zip(DECAYS) {
+                let learns = format!("{LAYERS:?} {LEARNING:?}");
+                let settings = Settings { scenario: lab.scenario.sha256(), motion, run, places, decay, learns };
+                let label = format!("{name}, {rate}, seed {seed}");
+                found[number].push(bench.result(&label, &settings, || compute(&lab, &settings, bench))?);
+            }
         }
     }
     let batch = place_cells::outcomes(bench)?;
     Ok(Results {
-        tables: vec![table(&found, &batch)],
+        tables: vec![table(&found[0], &batch), constant(&found[1])],
         notes: vec![
             format!(
-                "{} frames, each seen once; the rat and its view are those of place-cells. Layers learn one after the other, {} frames each, the last one from the rest. \
-                 Nodes of the first layer have {} outputs, those above {}; slowness is that of another run of {} frames, without memory. Maps: {HEADINGS} \
+                "{} frames, each seen once; the rat and its view are those of place-cells. Layers learn one after the other, {} frames each, the last one from the rest; \
+                 step t along the gradient has the length {}/(1 + {}·t). Nodes of the first layer have {} outputs, those above {}; slowness is that of another run of {} frames, without memory. Maps: {HEADINGS} \
                  headings at {} × {} places.",
                 run.0,
                 run.1,
+                LEARNING.learning_rate,
+                LEARNING.decay,
                 LAYERS[0].features,
                 LAYERS[1].features,
                 run.2,
@@ -153,11 +161,11 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
              6 million frames."
                 .into(),
         ],
-        plots: plots(&found[0], &place_cells::lab(scope.seeds[0])?, places)?,
+        plots: plots(&found[0][0], &place_cells::lab(scope.seeds[0])?, places)?,
     })
 }
 
-fn table(found: &[Vec<Vec<Learned>>; 2], batch: &[Vec<Outcome>; 2]) -> Table {
+fn table(found: &[Vec<Vec<Learned>>; MOTIONS.len()], batch: &[Vec<Outcome>; 2]) -> Table {
     let columns = [
         "motion",
         "what",
@@ -205,6 +213,28 @@ fn table(found: &[Vec<Vec<Learned>>; 2], batch: &[Vec<Outcome>; 2]) -> Table {
         );
         let none = || Cell::text("");
         push("their components".into(), none(), none(), cells(|outcome| &outcome.cells), "see place-cells");
+    }
+    table
+}
+
+/// Layers whose steps along the gradient do not get shorter.
+fn constant(found: &[Vec<Vec<Learned>>; MOTIONS.len()]) -> Table {
+    let columns = ["motion", "layer", "slowness, 1/frame²", "variance by place", "variance by heading"];
+    let mut table = Table::new("The layers, where the learning rate does not fall", &columns);
+    for ((name, _), seeds) in MOTIONS.into_iter().zip(found) {
+        for layer in 0..LAYERS.len() {
+            let band = |of: fn(&Learned) -> f64, digits| {
+                Cell::band(Band::of(seeds.iter().map(|layers| of(&layers[layer]))), digits)
+            };
+            let cells = vec![
+                Cell::text(name),
+                Cell::count(layer + 1),
+                band(|learned| learned.slowness, 4),
+                band(|learned| learned.cells.by_place, 2),
+                band(|learned| learned.cells.by_heading, 2),
+            ];
+            table.push(cells, "not in the thesis");
+        }
     }
     table
 }

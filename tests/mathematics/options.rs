@@ -215,13 +215,15 @@ fn of_components_and_coherence() {
     assert!(refused(COUNTS.map(|features| AscentOptions { features, ..usual }), climb) >= 5);
     refused(COUNTS.map(|most_steps| AscentOptions { most_steps, ..usual }), climb);
 
-    let usual = OnlineOptions { objective: usual.objective, features: 2, learning_rate: 1e-3, forgetting: 0.01 };
+    let usual =
+        OnlineOptions { objective: usual.objective, features: 2, learning_rate: 1e-3, decay: 0.0, forgetting: 0.01 };
     let online = |options: &OnlineOptions| {
         let mut online = OnlineCoherence::new(3, *options, &mut stream(1, "start"))?;
         (0..200).try_for_each(|t| online.update(x.col(t).try_as_col_major().unwrap().as_slice(), links[t]))?;
         Ok::<_, adagio::slow::coherence::CoherenceError>(online.map().weights.clone())
     };
     assert!(refused(NUMBERS.map(|learning_rate| OnlineOptions { learning_rate, ..usual }), online) >= 6);
+    assert!(refused(NUMBERS.map(|decay| OnlineOptions { decay, ..usual }), online) >= 4);
     assert!(refused(NUMBERS.map(|forgetting| OnlineOptions { forgetting, ..usual }), online) >= 9);
 
     let usual = incremental::Options::new(2, 3);

@@ -235,6 +235,7 @@ fn sizes_beyond_all_memory_are_refused() {
         objective: Coherence { decorrelation: 1.0, mean: 0.0 },
         features: 1,
         learning_rate: 0.1,
+        decay: 0.0,
         forgetting: 0.1,
     };
     let refused = OnlineCoherence::new(most, options, &mut generator(1)).unwrap_err();

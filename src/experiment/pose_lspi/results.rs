@@ -3,7 +3,7 @@
 use super::super::plot::{Line, chart};
 use super::super::quality::Quality;
 use super::super::{Band, Cell, ExperimentError, Table};
-use super::{Fitted, Found, Kind, REGIME, VARIANTS};
+use super::{CONDITIONS, Fitted, Found, Kind, REGIME, VARIANTS};
 use crate::report::draw::Axis;
 
 /// What was found, for showing it.
@@ -171,6 +171,37 @@ impl Findings {
         }
         Ok(plots)
     }
+}
+
+/// Steps more than the reference policy with the thesis's working numbers of features, under each condition; from drawn first policies.
+pub fn conditions(first: &Findings, others: &[Findings], regime: &[usize]) -> Table {
+    let more = regime.iter().map(|d| format!("{d} features: more than the reference"));
+    let columns: Vec<String> = ["condition".into(), "success, mean of these".into()].into_iter().chain(more).collect();
+    let names: Vec<&str> = columns.iter().map(String::as_str).collect();
+    let mut table = Table::new(
+        format!(
+            "Policies with {} to {} features, transitions {}: what decides",
+            REGIME[0].0,
+            REGIME[0].1,
+            Kind::Thesis.name()
+        ),
+        &names,
+    );
+    for (found, (what, ..)) in std::iter::once(first).chain(others).zip(CONDITIONS) {
+        let of = |d: &usize| found.found.get(&(Kind::Thesis, 0, *d)).map(|variants| &variants[0]);
+        let success = Band::of(regime.iter().filter_map(of).flatten().map(|fitted| fitted.quality.success));
+        let steps: Vec<Option<f64>> = regime.iter().map(|d| of(d).and_then(|fitted| found.more(fitted))).collect();
+        let below = steps.iter().flatten().filter(|&&more| more < 1.0).count();
+        let mut cells = vec![Cell::text(what), Cell::maybe(success.map(|band| band.mean), 3)];
+        cells.extend(steps.iter().map(|&more| Cell::maybe(more, 2)));
+        let verdict = match below {
+            0 => "differs: nowhere less than a step more".to_owned(),
+            all if all == steps.len() => "agrees: less than a step more".to_owned(),
+            some => format!("agrees with {some} of {}", steps.len()),
+        };
+        table.push(cells, verdict);
+    }
+    table
 }
 
 /// A standard deviation of the quality over first policies above which it depends on them.

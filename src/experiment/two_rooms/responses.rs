@@ -11,6 +11,7 @@ use super::floor::{APART, Floor, LIKE, OF_ROOM, STEP, Single};
 use super::{Pairs, TRANSITIONS, Training, VECTORS, optimal_responses, rooms, train};
 use crate::experiment::lab::{Lab, points};
 use crate::experiment::maps::{Grid, HEADINGS, Map, sheet};
+use crate::experiment::pipeline::slowness_of;
 use crate::experiment::responses::overlapping;
 use crate::experiment::spans::standardised;
 use crate::experiment::{Band, Bench, Cell, Experiment, ExperimentError, Results, Sizes, Table};
@@ -19,7 +20,7 @@ use crate::experiment::{Band, Bench, Cell, Experiment, ExperimentError, Results,
 pub const EXPERIMENT: Experiment = Experiment {
     name: "two-rooms-responses",
     line: "slow features in two rooms, and the optimal responses of that floor plan (figure egyptfeats)",
-    lasts: Sizes { full: "an hour", quick: "5 min", smoke: "seconds" },
+    lasts: Sizes { full: "half an hour", quick: "5 min", smoke: "seconds" },
     run,
 };
 
@@ -37,6 +38,16 @@ const SINGLE: usize = 6;
 const SETS: [usize; 6] = [1, 3, 6, 10, 20, 30];
 /// Responses that features are compared with.
 const CANDIDATES: usize = 30;
+
+/// What may decide how far features are from the optimum: support vectors, pairs, and the camera's noise and drift. What the numbers of
+/// pairs and of vectors are divided by, and settings that are not the scenario's.
+const CONDITIONS: [(&str, usize, usize, &[&str]); 5] = [
+    ("as everywhere here", 1, 1, &[]),
+    ("half as many vectors", 1, 2, &[]),
+    ("a fifth of the vectors", 1, 5, &[]),
+    ("a fifth of the pairs, and of the vectors", 5, 5, &[]),
+    ("without noise and drift", 1, 1, &["camera.pixel_noise=0", "camera.exposure_drift=0"]),
+];
 
 #[derive(Serialize)]
 struct Settings {
@@ -58,12 +69,16 @@ pub struct Outcome {
     /// For each of the sets: how well the features' span and the responses' agree: mean of the squared cosines of the principal
     /// angles.
     pub overlaps: Vec<(usize, f64)>,
+    /// Slowness of the slowest optimal responses at the true poses of the pairs, 1/s², ascending.
+    pub optimal: Vec<f64>,
 }
 
 fn compute(lab: &Lab, settings: &Settings, bench: &Bench<'_>) -> Result<Outcome, ExperimentError> {
     let pairs = Pairs::draw(lab, settings.training.data.actions);
     let (_, model) = train(lab, &pairs, &settings.training, bench)?;
     let theory = optimal_responses(lab, &pairs, settings.candidates)?;
+    let mut optimal = slowness_of(theory.evaluate(points(&pairs.poses).as_ref()).as_ref(), &pairs.links(lab));
+    optimal.sort_by(f64::total_cmp);
     let floor = Floor::new(lab, settings.places);
     let poses = floor.poses();
     let phi = model.apply(lab.views(&poses, bench)?.as_ref(), bench.scope.par)?;
@@ -94,6 +109,7 @@ fn compute(lab: &Lab, settings: &Settings, bench: &Bench<'_>) -> Result<Outcome,
         features: (0..f.nrows().min(SINGLE)).map(single).collect::<Result<_, _>>()?,
         theory: theory.collect(),
         overlaps: overlaps.collect::<Result<_, ExperimentError>>()?,
+        optimal,
     })
 }
 
@@ -101,19 +117,29 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     let scope = bench.scope;
     let (pairs, vectors) = scope.pick(TRAINING);
     let (vectors, places) = (scope.vectors_or(vectors), scope.pick(PLACES));
-    bench.plan(scope.seeds.len());
-    let mut outcomes: Vec<Outcome> = Vec::new();
+    bench.plan(scope.seeds.len() * CONDITIONS.len());
+    let mut found: [Vec<Outcome>; CONDITIONS.len()] = Default::default();
     for &seed in scope.seeds.iter() {
-        let lab = Lab::two_rooms(seed, &[])?;
-        let training = Training::new(&lab, pairs, vectors, CANDIDATES);
-        let settings = Settings { training, places, sets: SETS, candidates: CANDIDATES };
-        outcomes.push(bench.result(&format!("seed {seed}"), &settings, || compute(&lab, &settings, bench))?);
+        for ((what, fewer, smaller, sets), outcomes) in CONDITIONS.into_iter().zip(&mut found) {
+            let lab = Lab::two_rooms(seed, sets)?;
+            let training = Training::new(&lab, pairs / fewer, vectors / smaller, CANDIDATES);
+            let settings = Settings { training, places, sets: SETS, candidates: CANDIDATES };
+            let label = format!("{what}, seed {seed}");
+            outcomes.push(bench.result(&label, &settings, || compute(&lab, &settings, bench))?);
+        }
     }
+    let outcomes = &found[0];
     let Some(one) = outcomes.first() else { return Ok(Results::default()) };
     let seed = scope.seeds[0];
     let lab = Lab::two_rooms(seed, &[])?;
     Ok(Results {
-        tables: vec![claims(&outcomes), features(&lab, one, seed), theory(&lab, one), overlaps(&outcomes)],
+        tables: vec![
+            claims(outcomes),
+            features(&lab, one, seed),
+            theory(&lab, one),
+            overlaps(outcomes),
+            conditions(&found, pairs),
+        ],
         notes: vec![
             format!(
                 "Maps: {} × {} places, mean of {HEADINGS} headings, a camera without noise; {} support vectors (thesis: {VECTORS}), \
@@ -262,6 +288,47 @@ fn overlaps(outcomes: &[Outcome]) -> Table {
             table.push(vec![Cell::count(size), Cell::band(Band::of(&values), 3)], "not in the thesis");
         }
     }
+    table
+}
+
+/// How far features are from the optimum under each condition.
+fn conditions(found: &[Vec<Outcome>], pairs: usize) -> Table {
+    let mut table = Table::new(
+        format!("What the slowness of the first {SINGLE} features depends on"),
+        &["condition", "pairs", "support vectors", "first, 1/s²", "mean, 1/s²", "by place alone", "explained by 30"],
+    );
+    let band = |outcomes: &[Outcome], of: &dyn Fn(&Outcome) -> f64, digits| {
+        Cell::band(Band::of(outcomes.iter().map(of)), digits)
+    };
+    let mean = |values: &mut dyn ExactSizeIterator<Item = f64>| {
+        let n = values.len() as f64;
+        values.sum::<f64>() / n
+    };
+    for (outcomes, (what, fewer, ..)) in found.iter().zip(CONDITIONS) {
+        let of = |value: fn(&Single) -> f64| move |outcome: &Outcome| mean(&mut outcome.features.iter().map(value));
+        let cells = vec![
+            Cell::text(what),
+            Cell::count(pairs / fewer),
+            band(outcomes, &|outcome| outcome.support_vectors as f64, 0),
+            band(outcomes, &|outcome| outcome.features[0].slowness, 4),
+            band(outcomes, &of(|single| single.slowness), 4),
+            band(outcomes, &of(|single| single.by_place), 2),
+            band(outcomes, &of(|single| single.explained), 2),
+        ];
+        table.push(cells, "not in the thesis");
+    }
+    let none = || Cell::text("");
+    let optimal = &found[0];
+    let cells = vec![
+        Cell::text("optimal responses at the true poses"),
+        Cell::count(pairs),
+        none(),
+        band(optimal, &|outcome| outcome.optimal[0], 4),
+        band(optimal, &|outcome| mean(&mut outcome.optimal[..SINGLE.min(outcome.optimal.len())].iter().copied()), 4),
+        none(),
+        none(),
+    ];
+    table.push(cells, "not in the thesis");
     table
 }
 

@@ -264,8 +264,11 @@ pub struct OnlineOptions {
     pub objective: Coherence,
     /// Number of features `k`.
     pub features: usize,
-    /// Length of a step along the gradient of one frame, > 0.
+    /// Length of the first step along the gradient of one frame, > 0.
     pub learning_rate: f64,
+    /// How the rate falls, ≥ 0: step `t` has the length `learning_rate / (1 + decay·t)`. With 0 it stays as it is, and weights tremble about a
+    /// maximum for ever, by more the longer steps are.
+    pub decay: f64,
     /// Share by which every frame replaces the running estimates, in (0, 1). Steps begin after `1/forgetting` derivatives,
     /// up to which the estimates are plain averages.
     pub forgetting: f64,
@@ -286,6 +289,7 @@ pub struct OnlineCoherence {
     before: Option<Vec<f64>>,
     frames: usize,
     derivatives: usize,
+    steps: usize,
 }
 
 impl OnlineCoherence {
@@ -294,7 +298,7 @@ impl OnlineCoherence {
     /// # Errors
     /// Parameters out of range; more features than inputs, or none.
     pub fn new(inputs: usize, options: OnlineOptions, rng: &mut impl rand::Rng) -> Result<Self, CoherenceError> {
-        let OnlineOptions { objective, features: k, learning_rate, forgetting } = options;
+        let OnlineOptions { objective, features: k, learning_rate, decay, forgetting } = options;
         objective.check()?;
         CoherenceError::unless(
             learning_rate > 0.0 && learning_rate.is_finite(),
@@ -302,6 +306,7 @@ impl OnlineCoherence {
             learning_rate,
             "> 0 and finite",
         )?;
+        CoherenceError::unless(decay >= 0.0 && decay.is_finite(), "the decay", decay, "≥ 0 and finite")?;
         CoherenceError::unless(forgetting > 0.0 && forgetting < 1.0, "the forgetting rate", forgetting, "in (0, 1)")?;
         check_features(k, inputs)?;
         let scale = 1.0 / (inputs as f64).sqrt();
@@ -314,6 +319,7 @@ impl OnlineCoherence {
             before: None,
             frames: 0,
             derivatives: 0,
+            steps: 0,
         })
     }
 
@@ -374,8 +380,10 @@ impl OnlineCoherence {
     }
 
     fn step(&mut self, centred: &[f64], phi: &[f64], rate: &[f64], phi_rate: &[f64]) {
-        let OnlineOptions { objective: Coherence { decorrelation, mean: mean_weight }, learning_rate, .. } =
+        let OnlineOptions { objective: Coherence { decorrelation, mean: mean_weight }, learning_rate, decay, .. } =
             self.options;
+        let length = learning_rate / (1.0 + decay * self.steps as f64);
+        self.steps += 1;
         let k = phi.len();
         // A feature that does not vary yet has no slope: its terms would be divided by 0.
         let variance: Vec<f64> = (0..k).map(|i| self.covariance[(i, i)]).collect();
@@ -400,11 +408,11 @@ impl OnlineCoherence {
         for (i, (along_centred, along_rate, along_mean)) in steps.into_iter().enumerate() {
             for (row, weight) in self.map.weights.col_mut(i).iter_mut().enumerate() {
                 let slope = along_centred * centred[row] + along_rate * rate[row] + along_mean * self.input_mean[row];
-                *weight += learning_rate * slope;
+                *weight += length * slope;
             }
             // Without the penalty the offset is free, and follows the mean.
             self.map.offset[i] =
-                if mean_weight > 0.0 { self.map.offset[i] - learning_rate * along_mean } else { input_mean[i] };
+                if mean_weight > 0.0 { self.map.offset[i] - length * along_mean } else { input_mean[i] };
         }
         self.rescale();
     }

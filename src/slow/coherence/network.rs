@@ -53,8 +53,10 @@ pub struct OnlineLayer {
 pub struct Learning {
     /// The objective.
     pub objective: Coherence,
-    /// Length of a step along the gradient of one frame, > 0.
+    /// Length of a layer's first step along the gradient of one frame, > 0.
     pub learning_rate: f64,
+    /// How its rate falls, ≥ 0, as in [`OnlineOptions::decay`]. Where a layer trembles, those above it have to learn from noise.
+    pub decay: f64,
     /// Share by which every frame replaces the running estimates of the objective, in (0, 1).
     pub forgetting: f64,
     /// Frames over which a node's output is averaged, τ ≥ 1: 1 is no memory.
@@ -96,7 +98,8 @@ struct Nodes {
 ///
 /// // A wave drifts to and fro over 6 × 1 pixels; two nodes see four of them each, a third one sees these two.
 /// let objective = Coherence { decorrelation: 1.0, mean: 0.0 };
-/// let learning = Learning { objective, learning_rate: 0.002, forgetting: 0.002, memory: 1.0, settle: 500 };
+/// let learning =
+///     Learning { objective, learning_rate: 0.002, decay: 0.0, forgetting: 0.002, memory: 1.0, settle: 500 };
 /// let layer = OnlineLayer { field: (4, 1), stride: (2, 1), reduced: 2, features: 2 };
 /// let layers = [layer, OnlineLayer { field: (2, 1), stride: (1, 1), ..layer }];
 /// let shape = Shape { width: 6, height: 1, channels: 1 };
@@ -134,7 +137,7 @@ impl OnlineNetwork {
         if layers.is_empty() {
             return Err(SlowError::Empty("the list of layers is").into());
         }
-        let Learning { objective, learning_rate, forgetting, memory, .. } = learning;
+        let Learning { objective, learning_rate, decay, forgetting, memory, .. } = learning;
         CoherenceError::unless(memory >= 1.0 && memory.is_finite(), "the memory", memory, "≥ 1 and finite")?;
         let mut input = shape;
         let mut all = Vec::with_capacity(layers.len());
@@ -146,7 +149,7 @@ impl OnlineNetwork {
             let inputs = field.0 * field.1 * input.channels;
             check_features(reduced, inputs)?;
             let monomials = Expansion::Quadratic.monomials(reduced).map_err(place)?;
-            let learning = OnlineOptions { objective, features, learning_rate, forgetting };
+            let learning = OnlineOptions { objective, features, learning_rate, decay, forgetting };
             let mut node = |place: usize| {
                 Ok(OnlineNode {
                     places: tiling.places(input, place % output.width, place / output.width),
