@@ -88,9 +88,10 @@ fn summary(roles: &Roles, scenario: &Scenario) -> String {
         None => format!("actions cut from the motion, commands {}", name(&roles.command)),
     };
     format!(
-        "camera {}, pose {}, {actions}, sonar {}; {} images in an action",
+        "camera {}, pose {}, odometry {}, {actions}, sonar {}; {} images in an action",
         roles.camera,
         name(&roles.pose),
+        name(&roles.odometry),
         name(&roles.sonar),
         scenario.robot.frames_per_action
     )

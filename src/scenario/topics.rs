@@ -9,6 +9,8 @@ pub struct Topics {
     pub camera: TopicChoice,
     /// Where the robot is.
     pub pose: TopicChoice,
+    /// Where it is by its own counting.
+    pub odometry: TopicChoice,
     /// The velocity that was commanded.
     pub command: TopicChoice,
     /// Actions, where they were recorded as such.
@@ -58,10 +60,16 @@ impl Topics {
                 "pose",
                 "nav_msgs Odometry, geometry_msgs PoseStamped or PoseWithCovarianceStamped, tf2_msgs TFMessage",
             ),
+            odometry: topic(
+                s,
+                "odometry",
+                "nav_msgs Odometry, geometry_msgs PoseStamped or PoseWithCovarianceStamped: the robot's own counting, whose steps maps \
+                 of places count on; \"auto\" is another one than the pose's, where there are two",
+            ),
             command: topic(
                 s,
                 "command",
-                "geometry_msgs Twist or TwistStamped; without it no action is known as blocked",
+                "geometry_msgs Twist or TwistStamped; where actions are cut from the motion, none is known as blocked without it",
             ),
             action: topic(
                 s,

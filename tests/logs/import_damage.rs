@@ -9,6 +9,7 @@ use std::process::Output;
 use std::sync::Arc;
 
 use crate::common::{adagio, package_file, report, stderr, stdout};
+use crate::export::messages;
 use adagio::log::messages::foreign::{CompressedImage, Int32};
 use adagio::log::messages::{self as msg, Header, Image, LaserScan, Odometry, PoseWithCovariance, Twist, Vector3};
 use adagio::log::{Message, cdr};
@@ -220,6 +221,62 @@ fn a_pose_that_jumps_is_no_action() {
     let found = imported(folder.path(), &[]);
     assert_eq!((&found["jumps"], &found["gaps"]), (&1.into(), &0.into()));
     assert_eq!(found["actions"], serde_json::json!([32, 32, 0]), "nine tenths of an action are one, too");
+}
+
+/// What the run's log says of odometry: stamps, and poses.
+fn counted(run: &Path) -> Vec<(u64, [f64; 3])> {
+    let of = |odometry: Odometry| {
+        let pose = odometry.pose.pose;
+        (odometry.header.stamp.stamp_ns(), [pose.position.x, pose.position.y, pose.heading()])
+    };
+    messages::<Odometry>(run, "/odom").into_iter().map(of).collect()
+}
+
+#[test]
+fn odometry_is_the_topic_that_is_not_the_pose_and_its_jumps_are_breaks() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("bag.mcap");
+    let mut bag = Bag::new(&path);
+    // The wheels count from where the robot was switched on, and somebody switches them off and on at the 30th action.
+    let wheels = |frame: u64| {
+        let (x, y, heading, _) = square(frame);
+        [y + 7.0 + if frame > 300 { 5.0 } else { 0.0 }, -x, heading - std::f64::consts::FRAC_PI_2]
+    };
+    for frame in 0..641 {
+        bag.write("/image", stamp(frame), &image(frame));
+        let [x, y, heading] = wheels(frame);
+        let pose = PoseWithCovariance { pose: msg::Pose::planar(x, y, heading), ..Default::default() };
+        // Between the images.
+        let at = stamp(frame) - INTERVAL_NS / 2;
+        let counted = Odometry { header: Header::new(at, "odom"), pose, ..Default::default() };
+        bag.write("/wheels", at, &counted);
+        bag.write("/mocap", stamp(frame), &odometry(frame));
+    }
+    bag.end();
+    let mocap = ["--set", "topics.pose=/mocap"];
+    refused(folder.path(), &[], 2, &["2 topics could be topics.pose"]);
+    let found = imported(folder.path(), &mocap);
+    // The image between the two counts lies between the two places: it has nothing to do with either.
+    assert_eq!((&found["jumps"], &found["gaps"], &found["without_pose"]), (&2.into(), &0.into(), &0.into()));
+    let said = counted(&folder.path().join("run"));
+    assert!(said.len() > 600, "{}", said.len());
+    // The image between the two wheels, and the last one, after which nothing was counted.
+    let between = |frame: u64| [300, 640].contains(&frame);
+    for (at, pose) in said {
+        let frame = (at - START_NS) / INTERVAL_NS;
+        assert!(frame != 640, "{pose:?}");
+        let (a, b) = (wheels(frame), wheels(frame + 1));
+        for i in 0..if between(frame) { 0 } else { 3 } {
+            assert!(
+                adagio::robot::wrap(pose[i] - 0.5 * (a[i] + b[i])).abs() < 1e-6,
+                "frame {frame}: {pose:?}, {a:?}, {b:?}"
+            );
+        }
+    }
+    std::fs::remove_dir_all(folder.path().join("run")).unwrap();
+    let found = imported(folder.path(), &[&mocap[..], &["--set", "topics.odometry=none"]].concat());
+    assert_eq!((&found["jumps"], &found["frames"]), (&0.into(), &641.into()));
+    assert!(counted(&folder.path().join("run")).is_empty());
 }
 
 #[test]

@@ -10,7 +10,7 @@
 //! - Frames during which the robot did nothing that is an action are left out, too. The last one before an action is
 //!   given without an action, as the first frame of all is: nothing is learned over the break, and the action begins at it.
 //! - So it is after a gap, which is a break between images that is longer than `topics.gap_intervals` usual intervals, and
-//!   where the pose jumps.
+//!   where the pose or odometry jumps.
 //! - Vision makes observations of the images right here, so that what waits for the end of its action is small.
 
 mod actions;
@@ -29,9 +29,9 @@ use serde::Serialize;
 
 use self::actions::RecordedActions;
 use self::senses::{Sensed, Senses};
-use super::{Boundary, Frame, Rule, Segment, Segmenter, Source, Step, View};
+use super::{Boundary, Frame, Rule, Segment, Segmenter, Source, Step, View, of_log};
 use crate::log::FilesReader;
-use crate::robot::Action;
+use crate::robot::{Action, Pose};
 use crate::scenario::Scenario;
 
 /// Most frames that an action of a scenario may have.
@@ -54,7 +54,7 @@ pub struct ImportReport {
     pub without_action: u64,
     /// Breaks between images.
     pub gaps: u64,
-    /// Times that the pose jumped; a break, too.
+    /// Times that the pose or odometry jumped; a break, too.
     pub jumps: u64,
     /// Images left out because they could not be read; and why the first of them.
     pub unusable_images: u64,
@@ -245,7 +245,10 @@ impl Imported {
             let interval = sensed.stamp_ns.saturating_sub(last.stamp_ns);
             let (is_gap, seconds) = (interval > self.gap_ns, interval as f64 / 1e9);
             let poses = last.pose.zip(sensed.pose);
-            if is_gap || poses.is_some_and(|(before, now)| self.rule.is_jump(&before, &now, seconds)) {
+            let jumps = |poses: Option<(Pose, Pose)>| {
+                poses.is_some_and(|(before, now)| self.rule.is_jump(&before, &now, seconds))
+            };
+            if is_gap || jumps(poses) || jumps(last.odometry.zip(sensed.odometry)) {
                 self.interrupt();
                 self.report.gaps += u64::from(is_gap);
                 self.report.jumps += u64::from(!is_gap);
@@ -322,7 +325,7 @@ impl Imported {
             // It is given once: only its pose is needed again.
             view: View::Observation(std::mem::take(&mut sensed.pixels)),
             truth: sensed.pose.filter(|_| self.scenario.robot.pose_known),
-            odometry: None,
+            odometry: sensed.odometry.map(of_log),
             sonar: std::mem::take(&mut sensed.sonar),
             action,
             boundary: ends.map(|blocked| Boundary { blocked }),

@@ -10,7 +10,7 @@ use super::topics::{Roles, stamp_ns};
 use crate::log::messages::{self as msg, Message, foreign};
 use crate::log::{FilesReader, LogError, Record, cdr};
 use crate::robot::{Action, ActionSet, Pose, wrap};
-use crate::scenario::Scenario;
+use crate::scenario::{Scenario, Stamps};
 use crate::source::live::Scan;
 use crate::source::{Mark, parse_mark};
 use crate::vision::Observer;
@@ -32,6 +32,8 @@ pub struct Sensed {
     pub pixels: Vec<u8>,
     /// Where the robot was; `None` where the log does not say it.
     pub pose: Option<Pose>,
+    /// Where it was by its own counting; `None` where the log does not say it.
+    pub odometry: Option<Pose>,
     /// Distances, the first straight ahead, counter-clockwise, metres.
     pub sonar: Vec<f32>,
     /// What was commanded since the image before, metres ahead.
@@ -67,6 +69,47 @@ struct Waiting {
     pixels: Vec<u8>,
 }
 
+/// Poses of one topic.
+#[derive(Default)]
+struct Track {
+    /// The last one before the first image that waits, and those after it.
+    poses: VecDeque<(u64, Pose)>,
+}
+
+impl Track {
+    fn take(&mut self, kind: &str, data: &[u8], stamp_ns: u64, stamps: Stamps) -> Result<(), LogError> {
+        let Some((own, pose)) = pose_of(kind, data)? else { return Ok(()) };
+        let stamp_ns = own.filter(|&own| stamps == Stamps::Header && own > 0).unwrap_or(stamp_ns);
+        let finite = pose.position.x.is_finite() && pose.position.y.is_finite() && pose.heading.is_finite();
+        // Poses that are late, or repeated, say nothing new.
+        if finite && self.poses.back().is_none_or(|last| last.0 < stamp_ns) {
+            keep(&mut self.poses, (stamp_ns, pose), MOST_AHEAD);
+        }
+        Ok(())
+    }
+
+    /// The pose at a time, between two that are at most `hold_ns` apart: `None` if it is not known yet and there may be more,
+    /// `Some(None)` if it never can be known.
+    fn at(&mut self, stamp_ns: u64, hold_ns: u64, more: bool) -> Option<Option<Pose>> {
+        // The last pose that is not after the image stays.
+        while self.poses.get(1).is_some_and(|next| next.0 <= stamp_ns) {
+            self.poses.pop_front();
+        }
+        let Some(&(before, a)) = self.poses.front() else { return (!more).then_some(None) };
+        if before >= stamp_ns {
+            // Where poses begin after the image, it has none.
+            return Some((before == stamp_ns).then_some(a));
+        }
+        let Some(&(after, b)) = self.poses.get(1) else { return (!more).then_some(None) };
+        if after - before > hold_ns {
+            return Some(None);
+        }
+        let share = (stamp_ns - before) as f64 / (after - before) as f64;
+        let position = a.position + (b.position - a.position) * share;
+        Some(Some(Pose::new(position, a.heading + share * wrap(b.heading - a.heading))))
+    }
+}
+
 /// The pose in a message of one of the types that hold some; none where transforms are those of other things. With it the
 /// stamp of a transform, since a message of them has no header.
 ///
@@ -98,8 +141,8 @@ pub struct Senses {
     observer: Observer,
     ended: bool,
     waiting: VecDeque<Waiting>,
-    /// The last pose before the first image that waits, and those after it.
-    poses: VecDeque<(u64, Pose)>,
+    poses: Track,
+    odometry: Track,
     commands: VecDeque<(u64, f64)>,
     /// The command that is being followed, and up to when it was counted.
     following: Option<(u64, f64)>,
@@ -127,7 +170,8 @@ impl Senses {
             observer: Observer::default(),
             ended: false,
             waiting: VecDeque::new(),
-            poses: VecDeque::new(),
+            poses: Track::default(),
+            odometry: Track::default(),
             commands: VecDeque::new(),
             following: None,
             counted_to_ns: 0,
@@ -145,7 +189,7 @@ impl Senses {
     /// The next image that can be used; none at the end of the log.
     pub fn next(&mut self) -> Option<Sensed> {
         loop {
-            if let Some(pose) = self.pose_of_first() {
+            if let Some((pose, odometry)) = self.poses_of_first() {
                 let Waiting { stamp_ns, pixels } = self.waiting.pop_front()?;
                 if pose.is_none() && self.roles.pose.is_some() {
                     self.unused.without_pose += 1;
@@ -158,7 +202,7 @@ impl Senses {
                     self.rewards[task] = reward;
                 }
                 let rewards = self.rewards.clone();
-                return Some(Sensed { stamp_ns, pixels, pose, sonar, commanded, marks, rewards });
+                return Some(Sensed { stamp_ns, pixels, pose, odometry, sonar, commanded, marks, rewards });
             } else if self.ended {
                 return None;
             } else {
@@ -179,11 +223,16 @@ impl Senses {
             Some(Ok(Record::Message { topic, schema, log_time_ns, data, .. })) => {
                 let stamp = stamp_ns(&schema, &data, log_time_ns, self.scenario.topics.stamps);
                 let is = |role: &Option<String>| role.as_deref() == Some(&*topic);
+                let stamps = self.scenario.topics.stamps;
+                let (is_pose, is_odometry) = (is(&self.roles.pose), is(&self.roles.odometry));
                 let taken = if *topic == *self.roles.camera {
                     self.image(&schema, &data, stamp);
                     Ok(())
-                } else if is(&self.roles.pose) {
-                    self.pose(&schema, &data, stamp)
+                } else if is_pose || is_odometry {
+                    // One topic can be both.
+                    let mut tracks = [(is_pose, &mut self.poses), (is_odometry, &mut self.odometry)].into_iter();
+                    tracks
+                        .try_for_each(|(is, track)| if is { track.take(&schema, &data, stamp, stamps) } else { Ok(()) })
                 } else if is(&self.roles.action) {
                     self.action(&schema, &data, stamp)
                 } else if is(&self.roles.command) {
@@ -240,45 +289,20 @@ impl Senses {
         Ok(pixels)
     }
 
-    fn pose(&mut self, kind: &str, data: &[u8], stamp_ns: u64) -> Result<(), LogError> {
-        let Some((own, pose)) = pose_of(kind, data)? else { return Ok(()) };
-        let by_header = self.scenario.topics.stamps == crate::scenario::Stamps::Header;
-        let stamp_ns = own.filter(|&own| by_header && own > 0).unwrap_or(stamp_ns);
-        let finite = pose.position.x.is_finite() && pose.position.y.is_finite() && pose.heading.is_finite();
-        // Poses that are late, or repeated, say nothing new.
-        if finite && self.poses.back().is_none_or(|last| last.0 < stamp_ns) {
-            keep(&mut self.poses, (stamp_ns, pose), MOST_AHEAD);
-        }
-        Ok(())
-    }
-
-    /// The pose of the first image that waits: `None` if it is not known yet, `Some(None)` if it never can.
-    fn pose_of_first(&mut self) -> Option<Option<Pose>> {
+    /// Pose and odometry of the first image that waits: `None` while one of them is not known yet.
+    fn poses_of_first(&mut self) -> Option<(Option<Pose>, Option<Pose>)> {
         let stamp = self.waiting.front()?.stamp_ns;
-        if self.roles.pose.is_none() {
+        let (hold, ended) = (self.hold_ns(), self.ended);
+        if self.roles.pose.is_none() && self.roles.odometry.is_none() {
             // What belongs to an image has come when the next one is there.
-            return (self.ended || self.waiting.len() > 1).then_some(None);
+            return (ended || self.waiting.len() > 1).then_some((None, None));
         }
-        // The last pose that is not after the image stays.
-        while self.poses.get(1).is_some_and(|next| next.0 <= stamp) {
-            self.poses.pop_front();
-        }
-        let Some(&(before, a)) = self.poses.front() else { return self.gives_up().then_some(None) };
-        if before >= stamp {
-            // Where poses begin after the image, it has none.
-            return Some((before == stamp).then_some(a));
-        }
-        let Some(&(after, b)) = self.poses.get(1) else { return self.gives_up().then_some(None) };
-        if after - before > self.hold_ns() {
-            return Some(None);
-        }
-        let share = (stamp - before) as f64 / (after - before) as f64;
-        let position = a.position + (b.position - a.position) * share;
-        Some(Some(Pose::new(position, a.heading + share * wrap(b.heading - a.heading))))
-    }
-
-    fn gives_up(&self) -> bool {
-        self.ended || self.waiting.len() > MOST_WAITING
+        let more = !ended && self.waiting.len() <= MOST_WAITING;
+        let at = |role: &Option<String>, track: &mut Track| match role {
+            Some(_) => track.at(stamp, hold, more),
+            None => Some(None),
+        };
+        at(&self.roles.pose, &mut self.poses).zip(at(&self.roles.odometry, &mut self.odometry))
     }
 
     /// What was true this long ago is still true: one duration of an action, and a little for stamps that jitter.

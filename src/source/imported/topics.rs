@@ -105,6 +105,8 @@ pub struct Roles {
     pub camera: String,
     /// Where the robot is.
     pub pose: Option<String>,
+    /// Where it is by its own counting.
+    pub odometry: Option<String>,
     /// The velocity that was commanded.
     pub command: Option<String>,
     /// Actions.
@@ -274,6 +276,7 @@ impl LogContents {
         let rewards = scenario.tasks.iter().map(|task| &task.topic).enumerate().map(reward);
         Ok(Roles {
             camera: camera.ok_or_else(|| missing("camera"))?,
+            odometry: self.odometry(&wanted.odometry, pose.as_deref())?,
             pose,
             command: self.role("topics.command", &wanted.command, &COMMAND, &[&COMMAND], false)?,
             sonar: self.role("topics.sonar", &wanted.sonar, &[SONAR], &[&[SONAR]], false)?,
@@ -281,6 +284,16 @@ impl LogContents {
             mark,
             rewards: rewards.collect::<Result<_, _>>()?,
         })
+    }
+
+    /// The topic of odometry: the named one; or the only one of its type, where the pose's does not count if there is another.
+    fn odometry(&self, wanted: &TopicChoice, pose: Option<&str>) -> Result<Option<String>, ImportError> {
+        let is = |seen: &Seen| seen.encoding == "cdr" && seen.kind == msg::Odometry::TYPE;
+        let others = self.topics.iter().filter(|(name, seen)| is(seen) && Some(name.as_str()) != pose);
+        match (wanted, &others.collect::<Vec<_>>()[..]) {
+            (TopicChoice::Auto, [(other, _)]) => Ok(Some((*other).clone())),
+            _ => self.role("topics.odometry", wanted, &POSE, &[&[msg::Odometry::TYPE]], false),
+        }
     }
 
     /// The topic of one part: the named one, which must be of one of `kinds`; or the only one of the first group of types
