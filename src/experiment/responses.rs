@@ -22,7 +22,7 @@ use crate::slow::theory::Response;
 pub const EXPERIMENT: Experiment = Experiment {
     name: "responses",
     line: "test maps of slow features, their match with optimal responses, mixtures (figures sfa_compare, nomix, mix)",
-    lasts: Sizes { full: "half an hour", quick: "3 min", smoke: "seconds" },
+    lasts: Sizes { full: "6 min", quick: "3 min", smoke: "seconds" },
     run,
 };
 

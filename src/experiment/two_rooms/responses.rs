@@ -20,7 +20,7 @@ use crate::experiment::{Band, Bench, Cell, Experiment, ExperimentError, Results,
 pub const EXPERIMENT: Experiment = Experiment {
     name: "two-rooms-responses",
     line: "slow features in two rooms, and the optimal responses of that floor plan (figure egyptfeats)",
-    lasts: Sizes { full: "half an hour", quick: "5 min", smoke: "seconds" },
+    lasts: Sizes { full: "a quarter of an hour", quick: "5 min", smoke: "seconds" },
     run,
 };
 
