@@ -13,7 +13,8 @@
 //!
 //! Where this departs from Wyss et al.: their nodes have another nonlinearity, and no white components, of which all monomials vary about as
 //! much as each other. And each node counts time in units in which its features change by their deviation: derivatives of slow sources are
-//! so small otherwise that all of the objective is correlation.
+//! so small otherwise that all of the objective is correlation. And the learning rate
+//! may fall: with a constant one weights tremble about the maximum, and the layers above learn from that noise.
 //!
 //! # Reference
 //! Wyss, König & Verschure, PLoS Biol. 4 (2006); thesis §4.2.3.
