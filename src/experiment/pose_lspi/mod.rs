@@ -56,11 +56,11 @@ const REGIME: [(usize, usize); 2] = [(20, 70), (20, 40)];
 /// What may decide whether policies over 20 to 70 functions work: the size of the goal, and the order of the functions. Settings that are not
 /// the lab's, and by how much moves weigh less than elsewhere here, so that functions of the place come sooner.
 const CONDITIONS: [(&str, &[&str], f64); 5] = [
-    ("as everywhere here: goal of 0.2 m", &[], 1.0),
-    ("goal of 0.3 m", &["task.0.radius=0.3"], 1.0),
-    ("goal of 0.45 m, as the thesis's other one", &["task.0.radius=0.45"], 1.0),
+    ("as everywhere here: goal of radius 0.2 m", &[], 1.0),
+    ("goal of radius 0.3 m", &["task.0.radius=0.3"], 1.0),
+    ("goal of radius 0.45 m, as the thesis's other one", &["task.0.radius=0.45"], 1.0),
     ("functions of the place sooner", &[], 4.0),
-    ("these, and a goal of 0.45 m", &["task.0.radius=0.45"], 4.0),
+    ("these, and a goal of radius 0.45 m", &["task.0.radius=0.45"], 4.0),
 ];
 
 /// Which transitions policies are learned from.

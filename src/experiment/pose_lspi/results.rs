@@ -3,7 +3,7 @@
 use super::super::plot::{Line, chart};
 use super::super::quality::Quality;
 use super::super::{Band, Cell, ExperimentError, Table};
-use super::{CONDITIONS, Fitted, Found, Kind, REGIME, VARIANTS};
+use super::{CONDITIONS, Fitted, Found, Kind, REGIME, VARIANTS, Variants};
 use crate::report::draw::Axis;
 
 /// What was found, for showing it.
@@ -18,6 +18,13 @@ pub struct Findings {
 
 fn band(fitted: &[Fitted], of: impl Fn(&Quality) -> Option<f64>) -> Option<Band> {
     Band::of(fitted.iter().filter_map(|fitted| of(&fitted.quality)))
+}
+
+/// Standard deviation of the quality over first policies, within each seed.
+fn deviation([drawn, uniform, _]: &Variants) -> Option<f64> {
+    let seeds = drawn.chunks(drawn.len().checked_div(uniform.len())?.max(1));
+    let variance = |seed: &[Fitted]| Some(band(seed, |quality| Some(quality.quality))?.deviation.powi(2));
+    Some(Band::of(seeds.filter_map(variance))?.mean.sqrt())
 }
 
 fn converged(fitted: &[Fitted]) -> f64 {
@@ -52,10 +59,8 @@ impl Findings {
     /// The smallest number of features at which the quality depends on the first policy.
     fn unstable_from(&self, kind: Kind, set: usize) -> Option<usize> {
         let of_set = self.found.iter().filter(|((k, s, _), _)| (*k, *s) == (kind, set));
-        let unstable = |drawn: &[Fitted]| {
-            band(drawn, |quality| Some(quality.quality)).is_some_and(|band| band.deviation > UNSTABLE)
-        };
-        of_set.filter(|(_, variants)| unstable(&variants[0])).map(|((_, _, d), _)| *d).next()
+        let unstable = |variants: &Variants| deviation(variants).is_some_and(|deviation| deviation > UNSTABLE);
+        of_set.filter(|(_, variants)| unstable(variants)).map(|((_, _, d), _)| *d).next()
     }
 
     /// Where policies work, and from where on they depend on the first policy.
@@ -116,6 +121,7 @@ impl Findings {
         ];
         let mut table = Table::new(format!("Policies by number of features, transitions {}", kind.name()), &columns);
         for (&(_, set, d), variants) in self.found.iter().filter(|((k, _, _), _)| *k == kind) {
+            let over_first_policies = deviation(variants);
             for (variant, name) in VARIANTS.iter().enumerate() {
                 let fitted = &variants[variant];
                 let quality = band(fitted, |quality| Some(quality.quality));
@@ -128,11 +134,11 @@ impl Findings {
                     Cell::Number(converged(fitted), 2),
                     Cell::band(band(fitted, |quality| Some(quality.success)), 3),
                     Cell::band(quality, 3),
-                    Cell::maybe(quality.filter(|band| band.count > 1).map(|band| band.deviation), 3),
+                    Cell::maybe(over_first_policies.filter(|_| variant == 0), 3),
                     Cell::maybe(more, 2),
                     if inside { Cell::text("< 1") } else { Cell::Empty },
                 ];
-                let unstable = quality.is_some_and(|band| band.deviation > UNSTABLE);
+                let unstable = over_first_policies.is_some_and(|deviation| deviation > UNSTABLE);
                 table.push(cells, says(variant, d, REGIME[set], more, unstable));
             }
         }
@@ -261,6 +267,17 @@ mod tests {
         let quality =
             Quality { success: 1.0, steps: None, extra: None, quality: 0.9, to_reference, more_than_reference: None };
         vec![Fitted { iterations: 3, converged: true, quality }]
+    }
+
+    #[test]
+    fn the_deviation_is_that_over_first_policies_and_not_over_seeds() {
+        let of = |qualities: &[f64]| -> Vec<Fitted> {
+            let quality = |&quality: &f64| Quality { quality, ..fitted(0.5)[0].quality };
+            qualities.iter().map(|q| Fitted { quality: quality(q), ..fitted(0.5)[0].clone() }).collect()
+        };
+        let over = |drawn: &[f64]| deviation(&[of(drawn), of(&[0.2, 0.8]), Vec::new()]).unwrap();
+        assert!(over(&[0.2, 0.2, 0.8, 0.8]) < 1e-12);
+        assert!((over(&[0.2, 0.8, 0.2, 0.8]) - 0.18f64.sqrt()).abs() < 1e-12);
     }
 
     #[test]
