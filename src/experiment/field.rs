@@ -151,7 +151,7 @@ impl Field<'_> {
     /// A walk that never moves or never turns; [`ExperimentError::Stopped`].
     pub fn true_pose(&self, actions: usize, f: usize) -> Result<Vec<Quality>, ExperimentError> {
         let part = self.walked.first(actions);
-        let theory = self.lab.optimal_responses(&part, self.lab.thesis_weight(&part), f - 1)?;
+        let theory = self.lab.optimal_responses(&part.steps(), self.lab.thesis_weight(&part.steps()), f - 1)?;
         let features =
             |poses: &[Pose]| with_one(&theory.evaluate(points(poses).as_ref()).expect("the robot is near the room"));
         let phi = features(&part.poses);
@@ -186,7 +186,7 @@ impl Field<'_> {
 
     /// IncSFA sees the walk once; policies are made on its features of each of these moments.
     pub fn incremental(&self, actions: &[usize], (k, whitened): (usize, usize)) -> Result<Vec<Point>, ExperimentError> {
-        let links = self.lab.links(&self.walked, self.lab.thesis_weight(&self.walked));
+        let links = self.lab.links(&self.walked, self.lab.thesis_weight(&self.walked.steps()));
         let mut rng = stream(self.lab.scenario.seed, "incremental features");
         let options = IncrementalOptions::new(k, whitened);
         let mut learner = IncrementalSlow::new(self.video.nrows(), options, &mut rng)?;

@@ -218,35 +218,30 @@ impl Lab {
         ])
     }
 
-    /// The `k` slowest optimal responses of the lab for the speeds of a walk, where derivatives of moves weigh `move_weight`
+    /// The `k` slowest optimal responses of the lab for the speeds of some steps, where derivatives of moves weigh `move_weight`
     /// times those of turns.
     ///
     /// # Errors
-    /// A walk that never moves or never turns.
+    /// Steps that never move or never turn.
     pub fn optimal_responses(
         &self,
-        walked: &Walked,
+        steps: &Steps,
         move_weight: f64,
         k: usize,
     ) -> Result<OptimalResponses, TheoryError> {
-        let seconds = self.scenario.robot.action_seconds;
-        let sums = walked.sums();
-        let weight = (move_weight * sums.moves as f64 + (walked.actions.len() - sums.moves) as f64) * seconds.powi(2);
-        let speed = move_weight * sums.way;
-        let turn = move_weight * sums.drift + sums.turned;
-        OptimalResponses::slowest(&self.axes()?, &plane_motion(speed / weight, turn / weight), k)
+        let (speed, turn) = steps.speeds(move_weight, self.scenario.robot.action_seconds);
+        OptimalResponses::slowest(&self.axes()?, &plane_motion(speed, turn), k)
     }
 
     /// The weight of moves at which two half waves along x (φ200) are as slow as one turn of the heading (φ001).
     ///
     /// In the thesis's video they were, since its second and third feature mixed the two (§5.2.2). A random walk of the three
     /// actions turns more: without weights, its slow features hardly know the heading.
-    pub fn thesis_weight(&self, walked: &Walked) -> f64 {
+    pub fn thesis_weight(&self, steps: &Steps) -> f64 {
         let (low, high) = self.world.plan.reachable_box();
-        let sums = walked.sums();
         // κ²⟨ẋ²⟩ with κ = 2π/L and ⟨ẋ²⟩ = ⟨v²⟩/2.
-        let along = 0.5 * (std::f64::consts::TAU / (high.x - low.x)).powi(2) * sums.way;
-        sums.turned / (along - sums.drift).max(f64::MIN_POSITIVE)
+        let along = 0.5 * (std::f64::consts::TAU / (high.x - low.x)).powi(2) * steps.way;
+        steps.turned / (along - steps.drift).max(f64::MIN_POSITIVE)
     }
 
     /// Links of a walk's frames, which are one action apart; derivatives of moves weigh `move_weight`, those of turns 1.
@@ -259,10 +254,12 @@ impl Lab {
     }
 }
 
-/// Sums over a walk.
-struct Sums {
-    /// Actions that drive ahead.
+/// How far actions led: sums over them, from which speeds follow.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Steps {
+    /// Actions that drive ahead, and others.
     moves: usize,
+    turns: usize,
     /// Squared way of all moves, m².
     way: f64,
     /// Squared change of the heading during moves and during turns, rad².
@@ -270,20 +267,28 @@ struct Sums {
     turned: f64,
 }
 
-impl Walked {
-    fn sums(&self) -> Sums {
-        let mut sums = Sums { moves: 0, way: 0.0, drift: 0.0, turned: 0.0 };
-        for (pair, &action) in self.poses.windows(2).zip(&self.actions) {
-            let turn = wrap(pair[1].heading - pair[0].heading).powi(2);
+impl Steps {
+    /// Sums over actions, each with the poses before and after it.
+    pub fn of<'a>(actions: impl Iterator<Item = (&'a Pose, &'a Pose, Action)>) -> Self {
+        actions.fold(Steps::default(), |mut sums, (from, to, action)| {
+            let turn = wrap(to.heading - from.heading).powi(2);
             if action == Action::FORWARD {
                 sums.moves += 1;
-                sums.way += (pair[1].position - pair[0].position).norm_squared();
+                sums.way += (to.position - from.position).norm_squared();
                 sums.drift += turn;
             } else {
+                sums.turns += 1;
                 sums.turned += turn;
             }
-        }
-        sums
+            sums
+        })
+    }
+
+    /// Mean squares of speed and turn, m²/s² and rad²/s², of actions that take so many seconds, where moves weigh `move_weight`
+    /// times as much as turns: what slowness in theory depends on.
+    pub fn speeds(&self, move_weight: f64, seconds: f64) -> (f64, f64) {
+        let weight = (move_weight * self.moves as f64 + self.turns as f64) * seconds.powi(2);
+        (move_weight * self.way / weight, (move_weight * self.drift + self.turned) / weight)
     }
 }
 
@@ -316,6 +321,11 @@ pub struct Transition {
 }
 
 impl Walked {
+    /// How far its actions led.
+    pub fn steps(&self) -> Steps {
+        Steps::of(self.poses.windows(2).zip(&self.actions).map(|(pair, &action)| (&pair[0], &pair[1], action)))
+    }
+
     /// Its first actions.
     pub fn first(&self, actions: usize) -> Walked {
         Walked {
@@ -402,6 +412,17 @@ impl Data {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn speeds_are_weighted_means_over_the_actions() {
+        let pose = |x: f64, heading: f64| Pose::new(Point2::new(x, 0.0), heading);
+        let [forward, left, _] = Action::DRIVE;
+        let poses = [pose(0.0, 0.0), pose(0.3, 0.1), pose(0.3, 0.9)];
+        let steps = Steps::of([(&poses[0], &poses[1], forward), (&poses[1], &poses[2], left)].into_iter());
+        let (speed, turn) = steps.speeds(3.0, 2.0);
+        // Of one move that weighs 3 and one turn that weighs 1, two seconds each.
+        assert!((speed - 3.0 * 0.09 / 16.0).abs() < 1e-12 && (turn - (3.0 * 0.01 + 0.64) / 16.0).abs() < 1e-12);
+    }
 
     #[test]
     fn transitions_as_in_the_thesis_are_free_moves_and_turns_both_ways() {

@@ -37,6 +37,7 @@ mod local;
 mod maps;
 pub mod online;
 pub mod online_hierarchy;
+mod pairs;
 mod pipeline;
 pub mod place_cells;
 mod planned;

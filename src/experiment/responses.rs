@@ -8,15 +8,18 @@
 use faer::{Mat, MatRef};
 use serde::{Deserialize, Serialize};
 
-use super::lab::{FRAMES, Lab, points};
+use super::lab::{Data, FRAMES, Lab, points};
 use super::maps::{Grid, HEADINGS, Map, sheet};
+use super::pairs::Pairs;
+use super::pipeline::LAMBDA;
 use super::plot::{Line, chart};
 use super::spans::{best_pair, by_place, standardised};
 use super::trained::{Training, train};
 use super::{Band, Bench, Cell, Experiment, ExperimentError, Results, Sizes, Table};
 use crate::report::draw::Axis;
 use crate::robot::Pose;
-use crate::slow::theory::Response;
+use crate::slow::LinearStream;
+use crate::slow::theory::OptimalResponses;
 
 /// The experiment.
 pub const EXPERIMENT: Experiment = Experiment {
@@ -42,6 +45,18 @@ const SINGLE: usize = 6;
 const SETS: [usize; 6] = [1, 3, 6, 10, 20, 30];
 /// Responses that single features are looked for among.
 const CANDIDATES: usize = 30;
+/// What may decide the order of features, tried on functions of the true pose: pairs of frames at even poses in place of a walk, settings
+/// that are not the lab's, and how much more moves weigh.
+const CONDITIONS: [(&str, bool, &[&str], f64); 4] = [
+    ("the walk that the features saw", false, &[], 1.0),
+    ("pairs of frames at poses drawn evenly", true, &[], 1.0),
+    ("such pairs, a robot of 0.35 m radius", true, &["robot.radius=0.35"], 1.0),
+    ("the same, moves weigh 1.5 times as much", true, &["robot.radius=0.35"], 1.5),
+];
+/// Responses of theory that functions of the true pose are made of.
+const WAVES: Sizes<usize> = Sizes { full: 300, quick: 300, smoke: 40 };
+/// Features of which the conditions are told.
+const ORDERED: usize = 4;
 /// Steps in which values of maps are kept.
 const STEP: f64 = 0.01;
 
@@ -50,6 +65,16 @@ struct Settings {
     training: Training,
     places: Grid,
     sets: [usize; 6],
+    candidates: usize,
+}
+
+#[derive(Serialize)]
+struct PoseSettings {
+    data: Data,
+    pairs: bool,
+    heavier_moves: f64,
+    waves: usize,
+    places: Grid,
     candidates: usize,
 }
 
@@ -100,8 +125,8 @@ pub struct Subspaces {
 
 fn compute(lab: &Lab, settings: &Settings, bench: &Bench<'_>) -> Result<Outcome, ExperimentError> {
     let trained = train(lab, &settings.training, bench)?;
-    let weight = lab.thesis_weight(&trained.walked);
-    let theory = lab.optimal_responses(&trained.walked, weight, settings.candidates)?;
+    let weight = lab.thesis_weight(&trained.walked.steps());
+    let theory = lab.optimal_responses(&trained.walked.steps(), weight, settings.candidates)?;
     let poses = settings.places.poses(lab);
     let at = |poses: &[Pose]| -> Result<Mat<f64>, ExperimentError> {
         let phi = trained.model.apply(lab.views(poses, bench)?.as_ref(), bench.scope.par)?;
@@ -109,60 +134,102 @@ fn compute(lab: &Lab, settings: &Settings, bench: &Bench<'_>) -> Result<Outcome,
     };
     let features = at(&poses)?;
     let responses = theory.evaluate(points(&poses).as_ref())?;
-    let indices = |response: &Response| [response.indices[0], response.indices[1], response.indices[2]];
-    let names: Vec<[usize; 3]> = theory.responses().iter().map(indices).collect();
+    let names = indices(&theory);
+    let single = described(features.as_ref(), &trained.model.slowness, (responses.as_ref(), &names), settings.places)?;
     let (f, r) = (standardised(features.as_ref()), standardised(responses.as_ref()));
-    let correlations = &f * r.transpose();
-    let places = settings.places.places();
-    let single = |i: usize| -> Result<Single, ExperimentError> {
-        let row: Vec<f64> = (0..names.len()).map(|j| correlations[(i, j)]).collect();
-        let best = (0..row.len()).max_by(|&a, &b| row[a].abs().total_cmp(&row[b].abs())).unwrap_or(0);
-        let (pair, weights, share) = best_pair(&row, &(&r * r.transpose()));
-        Ok(Single {
-            slowness: trained.model.slowness[i],
-            by_place: by_place(f.row(i).iter().copied(), places),
-            best: (names[best], row[best].abs()),
-            pair: ([names[pair[0]], names[pair[1]]], weights, share),
-            explained: overlapping(f.subrows(i, 1), r.as_ref())?.0,
-        })
-    };
-    let count = f.nrows().min(SINGLE);
     let sets = settings.sets.iter().copied().filter(|&size| size <= f.nrows().min(names.len())).map(|size| {
         let (overlap, largest) = overlapping(f.subrows(0, size), r.subrows(0, size))?;
         Ok(Subspaces { size, overlap, largest_deg: largest.to_degrees() })
     });
     // The pictures need no finer grid than this.
-    let grid = if places > SHOWN.places() { SHOWN } else { settings.places };
+    let grid = if settings.places.places() > SHOWN.places() { SHOWN } else { settings.places };
     let shown = if grid == settings.places { features } else { at(&grid.poses(lab))? };
     let kept = |i: usize| shown.row(i).iter().map(|value| (value / STEP).round() as i16).collect();
     Ok(Outcome {
         support_vectors: trained.model.members.ncols(),
         move_weight: weight,
         theory: names.iter().copied().zip(theory.responses().iter().map(|response| response.slowness)).collect(),
-        single: (0..count).map(single).collect::<Result<_, _>>()?,
+        maps: (0..single.len()).map(kept).collect(),
+        single,
         sets: sets.collect::<Result<_, ExperimentError>>()?,
-        maps: (0..count).map(kept).collect(),
         grid,
     })
+}
+
+fn indices(theory: &OptimalResponses) -> Vec<[usize; 3]> {
+    theory.responses().iter().map(|response| [response.indices[0], response.indices[1], response.indices[2]]).collect()
+}
+
+/// The first functions of some, `k × n` on test maps, and their slowness, among responses, `r × n`, and their names.
+fn described(
+    functions: MatRef<'_, f64>,
+    slowness: &[f64],
+    (responses, names): (MatRef<'_, f64>, &[[usize; 3]]),
+    places: Grid,
+) -> Result<Vec<Single>, ExperimentError> {
+    let (f, r) = (standardised(functions), standardised(responses));
+    let (correlations, among) = (&f * r.transpose(), &r * r.transpose());
+    let single = |i: usize| -> Result<Single, ExperimentError> {
+        let row: Vec<f64> = (0..names.len()).map(|j| correlations[(i, j)]).collect();
+        let best = (0..row.len()).max_by(|&a, &b| row[a].abs().total_cmp(&row[b].abs())).unwrap_or(0);
+        let (pair, weights, share) = best_pair(&row, &among);
+        Ok(Single {
+            slowness: slowness[i],
+            by_place: by_place(f.row(i).iter().copied(), places.places()),
+            best: (names[best], row[best].abs()),
+            pair: (pair.map(|j| names[j]), weights, share),
+            explained: overlapping(f.subrows(i, 1), r.as_ref())?.0,
+        })
+    };
+    (0..f.nrows().min(SINGLE)).map(single).collect()
+}
+
+/// The slowest functions of the true pose, of as many waves as theory's slowest: what features would be if images told the pose.
+fn of_the_pose(lab: &Lab, settings: &PoseSettings, bench: &Bench<'_>) -> Result<Vec<Single>, ExperimentError> {
+    bench.go_on()?;
+    let actions = settings.data.actions;
+    let (poses, steps, links): (Vec<Pose>, _, Box<dyn Fn(f64) -> _>) = if settings.pairs {
+        let pairs = Pairs::draw(lab, actions);
+        (pairs.poses.clone(), pairs.steps(), Box::new(move |weight| pairs.links(lab, weight)))
+    } else {
+        let walked = lab.walk(actions);
+        (walked.poses.clone(), walked.steps(), Box::new(move |weight| lab.links(&walked, weight)))
+    };
+    let weight = lab.thesis_weight(&steps) * settings.heavier_moves;
+    let waves = lab.optimal_responses(&steps, weight, settings.waves)?;
+    let mut stream = LinearStream::new();
+    stream.push(waves.evaluate(points(&poses).as_ref())?.as_ref(), &links(weight))?;
+    let slowest = stream.solve(SINGLE, LAMBDA)?;
+    let at = waves.evaluate(points(&settings.places.poses(lab)).as_ref())?;
+    let among = (at.subrows(0, settings.candidates), &indices(&waves)[..settings.candidates]);
+    described(slowest.apply(at.as_ref())?.as_ref(), &slowest.slowness, among, settings.places)
 }
 
 fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     let scope = bench.scope;
     let (actions, vectors) = scope.pick(TRAINING);
     let (vectors, places) = (scope.vectors_or(vectors), scope.pick(PLACES));
-    bench.plan(scope.seeds.len());
+    bench.plan(scope.seeds.len() * (1 + CONDITIONS.len()));
     let mut outcomes: Vec<Outcome> = Vec::new();
+    let mut by_pose = [(); CONDITIONS.len()].map(|()| Vec::new());
     let first = Lab::new(scope.seeds[0], &[])?;
     for &seed in scope.seeds.iter() {
         let lab = Lab::new(seed, &[])?;
         let training = Training::new(&lab, actions, vectors, CANDIDATES);
         let settings = Settings { training, places, sets: SETS, candidates: CANDIDATES };
         outcomes.push(bench.result(&format!("seed {seed}"), &settings, || compute(&lab, &settings, bench))?);
+        for ((what, pairs, sets, heavier_moves), found) in CONDITIONS.into_iter().zip(&mut by_pose) {
+            let lab = Lab::new(seed, sets)?;
+            let (data, waves) = (Data::new(&lab, actions), scope.pick(WAVES));
+            let settings = PoseSettings { data, pairs, heavier_moves, waves, places, candidates: CANDIDATES };
+            let label = format!("functions of the true pose, {what}, seed {seed}");
+            found.push(bench.result(&label, &settings, || of_the_pose(&lab, &settings, bench))?);
+        }
     }
     let Some(one) = outcomes.first() else { return Ok(Results::default()) };
     let seed = scope.seeds[0];
     Ok(Results {
-        tables: vec![single(one, seed), subspaces(&outcomes), theory(one, seed)],
+        tables: vec![single(one, seed), subspaces(&outcomes), theory(one, seed), orders(one, &by_pose, seed)],
         notes: vec![
             format!(
                 "Test maps: {HEADINGS} headings at {} × {} places, a camera without noise; {} support vectors (thesis: 8064), \
@@ -290,6 +357,35 @@ fn theory(outcome: &Outcome, seed: u64) -> Table {
             vec![Cell::count(i + 1), Cell::text(phi(*index)), Cell::Number(*slowness, 4), Cell::maybe(feature, 4)],
             "no number in its text",
         );
+    }
+    table
+}
+
+/// Which functions are the slowest, and in which order: features, and functions of the true pose under each condition.
+fn orders(outcome: &Outcome, by_pose: &[Vec<Vec<Single>>], seed: u64) -> Table {
+    let numbers: Vec<String> = (1..=ORDERED).map(|number| format!("number {number}")).collect();
+    let mut columns = vec!["functions"];
+    columns.extend(numbers.iter().map(String::as_str));
+    columns.push("mean slowness of these, 1/s²");
+    let mut table = Table::new(format!("What decides the order, seed {seed}"), &columns);
+    let conditions =
+        CONDITIONS.iter().zip(by_pose).map(|((what, ..), found)| (format!("of the true pose: {what}"), &found[0]));
+    for (what, singles) in std::iter::once(("features of images".to_owned(), &outcome.single)).chain(conditions) {
+        let shown = &singles[..singles.len().min(ORDERED)];
+        let mut cells = vec![Cell::text(what)];
+        cells.extend(shown.iter().map(|found| {
+            let ([one, other], [a, b], share) = found.pair;
+            Cell::text(format!("{a:+.2} {} {b:+.2} {}: {share:.2}", phi(one), phi(other)))
+        }));
+        cells.push(Cell::Number(shown.iter().map(|found| found.slowness).sum::<f64>() / shown.len() as f64, 4));
+        let of_the_thesis = |found: &Single| [[2, 0, 0], [0, 0, 1], [0, 0, 2]].contains(&found.best.0);
+        let says =
+            match (singles[0].best.0 == [1, 0, 0], singles[1..3].iter().filter(|found| of_the_thesis(found)).count()) {
+                (true, 2) => "agrees: after φ(1 0 0) come φ(2 0 0) and φ(0 0 1) or φ(0 0 2)",
+                (true, 1) => "agrees with one of its second and third",
+                _ => "differs",
+            };
+        table.push(cells, says);
     }
     table
 }

@@ -116,7 +116,7 @@ fn prepare<'a>(
 ) -> Result<Prepared<'a>, ExperimentError> {
     let walked = lab.walk(training.data.actions);
     let frames = lab.video(&walked.poses, bench)?;
-    let links = lab.links(&walked, lab.thesis_weight(&walked));
+    let links = lab.links(&walked, lab.thesis_weight(&walked.steps()));
     let mut widths = Widths::default();
     let mut ald = BTreeMap::new();
     for &number in numbers {
@@ -186,7 +186,7 @@ fn compute(prepared: &Prepared<'_>, settings: &Settings, bench: &Bench<'_>) -> R
     // All numbers that are asked for were prepared.
     let ald = &prepared.ald[&settings.training.vectors];
     let dictionary = choose(settings.rule, ald, frames, seed, bench)?;
-    let links = lab.links(walked, lab.thesis_weight(walked));
+    let links = lab.links(walked, lab.thesis_weight(&walked.steps()));
     let (features, model) = slow_features(&dictionary, frames, &links, settings.training.features, bench)?;
     let mut residual = 0.0;
     for start in (0..frames.ncols()).step_by(BLOCK) {

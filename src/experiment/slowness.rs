@@ -100,10 +100,10 @@ struct Video<'a> {
 
 impl Video<'_> {
     fn outcome(&self, settings: &Settings, bench: &Bench<'_>) -> Result<Outcome, ExperimentError> {
-        let weight = self.lab.thesis_weight(self.walked);
+        let weight = self.lab.thesis_weight(&self.walked.steps());
         let links = self.lab.links(self.walked, weight);
         if settings.method == Method::Optimal {
-            let theory = self.lab.optimal_responses(self.walked, weight, settings.features)?;
+            let theory = self.lab.optimal_responses(&self.walked.steps(), weight, settings.features)?;
             let mut slowness = slowness_of(theory.evaluate(points(&self.walked.poses).as_ref())?.as_ref(), &links);
             slowness.sort_by(f64::total_cmp);
             return Ok(Outcome { support_vectors: None, sigma: None, slowness });

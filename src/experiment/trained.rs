@@ -62,7 +62,7 @@ pub struct Trained<'a> {
 /// No kernel width gives that many support vectors; [`ExperimentError::Stopped`].
 pub fn train<'a>(lab: &'a Lab, training: &Training, bench: &Bench<'_>) -> Result<Trained<'a>, ExperimentError> {
     let walked = lab.walk(training.data.actions);
-    let links = lab.links(&walked, lab.thesis_weight(&walked));
+    let links = lab.links(&walked, lab.thesis_weight(&walked.steps()));
     let (frames, model) = seen(lab, &walked.poses, &links, (training.vectors, training.features), bench)?;
     Ok(Trained { lab, walked: Arc::new(walked), frames: Arc::new(frames), model })
 }

@@ -37,6 +37,17 @@ const MORE: (f64, f64) = (2.0, 3.0);
 /// The thesis tells whole steps, read off a curve: half of one is no difference.
 const ROUNDED: f64 = 0.5;
 
+/// The camera as it is, and without its noise and drift, as the thesis's simulator had none.
+const CAMERAS: [&[&str]; 2] = [&[], &["camera.pixel_noise=0", "camera.exposure_drift=0"]];
+/// What may decide whether many features work: the camera, and how many times as many transitions, as far as the walk has them.
+const CONDITIONS: [(&str, &[&str], usize); 3] = [
+    ("as everywhere here", CAMERAS[0], 1),
+    ("up to three times as many transitions", CAMERAS[0], 3),
+    ("without noise and drift of the camera", CAMERAS[1], 1),
+];
+/// How many of the largest numbers of features the conditions are compared at.
+const MANY: usize = 3;
+
 #[derive(Serialize)]
 struct Settings {
     training: Training,
@@ -71,41 +82,51 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     let scope = bench.scope;
     let ((actions, transitions, vectors), features) = (scope.pick(TRAINING), scope.pick(FEATURES));
     let (vectors, starts) = (scope.vectors_or(vectors), scope.pick(STARTS));
-    bench.plan(scope.seeds.len() * features.len());
+    // The first condition has them all.
+    let many = &features[features.len().saturating_sub(MANY)..];
+    bench.plan(scope.seeds.len() * (features.len() + (CONDITIONS.len() - 1) * many.len()));
     let most = features.iter().copied().max().unwrap_or(2);
-    let (mut found, mut sizes) = (Found::new(), Vec::new());
+    let (mut found, mut sizes) = ([(); CONDITIONS.len()].map(|()| Found::new()), Vec::new());
     let mut gamma = 0.0;
-    for &seed in scope.seeds.iter() {
-        let lab = Lab::new(seed, &[])?;
+    for (&seed, sets) in scope.seeds.iter().flat_map(|seed| CAMERAS.map(|sets| (seed, sets))) {
+        let lab = Lab::new(seed, sets)?;
         gamma = lab.scenario.value.gamma;
         let task = lab.task_number(TASK).unwrap_or(0);
         let training = Training::new(&lab, actions, vectors, most - 1);
         let (trained, trials) = (Once::<Trained<'_>>::default(), Once::<Trials<'_>>::default());
-        let sampled: [Once<Sampled<'_>>; 3] = Default::default();
-        for &d in features {
-            let settings = Settings { training: training.clone(), transitions, task: TASK, starts, features: d };
-            let outcome: Outcome = bench.result(&format!("{d} features, seed {seed}"), &settings, || {
-                let trained = trained.get(|| train(&lab, &training, bench))?;
-                let trials = trials.get(|| Ok::<_, ExperimentError>(Trials::new(&lab, starts)))?;
-                let policy = |iteration: Iteration| {
-                    bench.go_on()?;
-                    let make = || Sampled::new(trained, transitions, iteration, bench);
-                    let fit = sampled[iteration as usize].get(make)?.fit(d, task, iteration)?;
-                    let trips = trips(&trained.model, &fit, (&trials.evaluator, task), iteration.reflexes(&lab))?;
-                    Ok::<_, ExperimentError>(Policy { converged: fit.converged, quality: trials.quality(task, &trips) })
-                };
-                let policies: Result<Vec<Policy>, _> = Iteration::BOTH.into_iter().map(policy).collect();
-                Ok(Outcome { support_vectors: trained.model.members.ncols(), policies: policies? })
-            })?;
-            for (iteration, policy) in Iteration::BOTH.into_iter().zip(outcome.policies) {
-                found.entry((d, iteration)).or_default().push(policy);
+        let of_camera = CONDITIONS.iter().zip(&mut found).enumerate().filter(|(_, ((_, of, _), _))| *of == sets);
+        for (number, ((what, _, times), found)) in of_camera {
+            let sampled: [Once<Sampled<'_>>; 3] = Default::default();
+            let transitions = transitions * times;
+            for &d in if number == 0 { features } else { many } {
+                let settings = Settings { training: training.clone(), transitions, task: TASK, starts, features: d };
+                let label = format!("{d} features, {what}, seed {seed}");
+                let outcome: Outcome = bench.result(&label, &settings, || {
+                    let trained = trained.get(|| train(&lab, &training, bench))?;
+                    let trials = trials.get(|| Ok::<_, ExperimentError>(Trials::new(&lab, starts)))?;
+                    let policy = |iteration: Iteration| {
+                        bench.go_on()?;
+                        let make = || Sampled::new(trained, transitions, iteration, bench);
+                        let fit = sampled[iteration as usize].get(make)?.fit(d, task, iteration)?;
+                        let trips = trips(&trained.model, &fit, (&trials.evaluator, task), iteration.reflexes(&lab))?;
+                        let quality = trials.quality(task, &trips);
+                        Ok::<_, ExperimentError>(Policy { converged: fit.converged, quality })
+                    };
+                    let policies: Result<Vec<Policy>, _> = Iteration::BOTH.into_iter().map(policy).collect();
+                    Ok(Outcome { support_vectors: trained.model.members.ncols(), policies: policies? })
+                })?;
+                for (iteration, policy) in Iteration::BOTH.into_iter().zip(outcome.policies) {
+                    found.entry((d, iteration)).or_default().push(policy);
+                }
+                if number == 0 {
+                    sizes.push(outcome.support_vectors as f64);
+                }
             }
-            sizes.push(outcome.support_vectors as f64);
         }
     }
     let sizes = Band::of(&sizes).map_or(0.0, |band| band.mean);
     Ok(Results {
-        tables: vec![table(&found, gamma)],
+        tables: vec![table(&found[0], gamma), conditions(&found, many, gamma)],
         notes: vec![
             format!(
                 "Goal {TASK}, γ = {gamma}, {starts} random starts, {transitions} transitions out of a walk of {actions} actions, \
@@ -115,12 +136,23 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
              against the optimal number of steps."
                 .into(),
         ],
-        plots: plots(&found)?,
+        plots: plots(&found[0])?,
     })
 }
 
 fn band(policies: &[Policy], of: impl Fn(&Quality) -> Option<f64>) -> Option<Band> {
     Band::of(policies.iter().filter_map(|policy| of(&policy.quality)))
+}
+
+/// Share of the iterations that settled.
+fn settled(policies: &[Policy]) -> f64 {
+    policies.iter().filter(|policy| policy.converged).count() as f64 / policies.len() as f64
+}
+
+/// Steps more than the reference policy, as the thesis counts them; `None`: no start arrives.
+fn more(policies: &[Policy], gamma: f64) -> Option<f64> {
+    let mean = band(policies, |quality| Some(quality.to_reference)).map_or(0.0, |band| band.mean);
+    (mean > 0.0).then(|| mean.ln() / gamma.ln())
 }
 
 fn table(found: &Found, gamma: f64) -> Table {
@@ -137,9 +169,7 @@ fn table(found: &Found, gamma: f64) -> Table {
     ];
     let mut table = Table::new("Policies over slow features, by their number", &columns);
     for (&(d, iteration), policies) in found {
-        let settled = policies.iter().filter(|policy| policy.converged).count() as f64 / policies.len() as f64;
-        let mean = band(policies, |quality| Some(quality.to_reference)).map_or(0.0, |band| band.mean);
-        let more = (mean > 0.0).then(|| mean.ln() / gamma.ln());
+        let (settled, more) = (settled(policies), more(policies, gamma));
         let works = d >= REGIME && iteration == Iteration::Thesis;
         let cells = vec![
             Cell::count(d),
@@ -153,6 +183,33 @@ fn table(found: &Found, gamma: f64) -> Table {
             if works { Cell::text("2 to 3") } else { Cell::Empty },
         ];
         table.push(cells, says(d, iteration, more));
+    }
+    table
+}
+
+/// What many features come to under each condition.
+fn conditions(found: &[Found], many: &[usize], gamma: f64) -> Table {
+    let of_each = |d: &usize| [format!("{d} features: settled"), format!("{d}: more than the reference")];
+    let columns: Vec<String> =
+        ["condition", "iteration"].map(Into::into).into_iter().chain(many.iter().flat_map(of_each)).collect();
+    let columns: Vec<&str> = columns.iter().map(String::as_str).collect();
+    let mut table = Table::new("What decides whether many features work", &columns);
+    for (found, (what, ..)) in found.iter().zip(CONDITIONS) {
+        for iteration in Iteration::BOTH {
+            let policies: Vec<&Vec<Policy>> = many.iter().filter_map(|&d| found.get(&(d, iteration))).collect();
+            let mut cells = vec![Cell::text(what), Cell::text(iteration.name())];
+            for policies in &policies {
+                cells.extend([Cell::Number(settled(policies), 2), Cell::maybe(more(policies, gamma), 2)]);
+            }
+            let work =
+                policies.iter().filter(|of| more(of, gamma).is_some_and(|more| more <= MORE.1 + ROUNDED)).count();
+            let says = match iteration {
+                Iteration::Thesis if work == many.len() => "agrees: they all work".into(),
+                Iteration::Thesis => format!("differs: {work} of {} work", many.len()),
+                _ => "not in the thesis".into(),
+            };
+            table.push(cells, says);
+        }
     }
     table
 }

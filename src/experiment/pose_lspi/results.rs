@@ -38,12 +38,22 @@ impl Findings {
         (mean > 0.0).then(|| mean.ln() / self.gamma.ln())
     }
 
-    /// The longest range of feature numbers in which a variant needs less than a step more than the reference policy.
-    fn regime(&self, kind: Kind, set: usize, variant: usize) -> Option<(usize, usize)> {
+    /// Steps more than the optimum, from the mean quality.
+    fn more_than_optimum(&self, fitted: &[Fitted]) -> Option<f64> {
+        let mean = band(fitted, |quality| Some(quality.quality))?.mean;
+        (mean > 0.0).then(|| mean.ln() / self.gamma.ln())
+    }
+
+    /// The longest range of feature numbers in which a variant needs less than a step more, by a count of those.
+    fn regime(
+        &self,
+        (kind, set, variant): (Kind, usize, usize),
+        more: fn(&Self, &[Fitted]) -> Option<f64>,
+    ) -> Option<(usize, usize)> {
         let mut longest: Option<(usize, usize, usize)> = None;
         let mut here: Option<(usize, usize, usize)> = None;
         for (&(_, _, d), variants) in self.found.iter().filter(|((k, s, _), _)| (*k, *s) == (kind, set)) {
-            here = match (self.more(&variants[variant]), here) {
+            here = match (more(self, &variants[variant]), here) {
                 (Some(more), before) if more < 1.0 => {
                     Some(before.map_or((d, d, 1), |(first, _, count)| (first, d, count + 1)))
                 }
@@ -79,9 +89,9 @@ impl Findings {
         let title = "Numbers of features with less than one step more than the reference policy; from where on the quality depends on the first policy";
         let mut table = Table::new(title, &columns);
         for (kind, set) in Kind::ALL.into_iter().flat_map(|kind| [(kind, 0), (kind, 1)]) {
-            let drawn = self.regime(kind, set, 0);
+            let drawn = self.regime((kind, set, 0), Findings::more);
             for (variant, name) in VARIANTS.iter().enumerate() {
-                let found = self.regime(kind, set, variant);
+                let found = self.regime((kind, set, variant), Findings::more);
                 let thesis = (variant == 0).then_some(REGIME[set]);
                 let mut cells = vec![Cell::text(kind.name()), Cell::count(self.sets[set]), Cell::text(*name)];
                 for range in [found, thesis] {
@@ -179,12 +189,14 @@ impl Findings {
     }
 }
 
-/// Steps more than the optimum with the thesis's working numbers of features, under each condition; from drawn first policies.
+/// Steps more than the optimum with the thesis's working numbers of features, under each condition, from drawn first policies; and with
+/// which numbers it is less than one.
 ///
 /// The optimum, not the reference policy: where that takes eighty steps along a wall, one start counts as thousands.
 pub fn conditions(first: &Findings, others: &[Findings], regime: &[usize]) -> Table {
     let columns = ["condition".to_owned(), "success, mean of these".to_owned()].into_iter();
-    let columns: Vec<String> = columns.chain(regime.iter().map(|d| format!("{d} features"))).collect();
+    let working = ["works from, to", "from all actions alike"].map(Into::into);
+    let columns: Vec<String> = columns.chain(regime.iter().map(|d| format!("{d} features"))).chain(working).collect();
     let names: Vec<&str> = columns.iter().map(String::as_str).collect();
     let title = format!(
         "What decides whether {} to {} features work: steps more than the optimum, transitions {}",
@@ -193,17 +205,21 @@ pub fn conditions(first: &Findings, others: &[Findings], regime: &[usize]) -> Ta
         Kind::Thesis.name()
     );
     let mut table = Table::new(title, &names);
-    for (found, (what, ..)) in std::iter::once(first).chain(others).zip(CONDITIONS) {
+    for (found, (what, _, _, whole)) in std::iter::once(first).chain(others).zip(CONDITIONS) {
         let of = |d: &usize| found.found.get(&(Kind::Thesis, 0, *d)).map(|variants| &variants[0]);
         let success = Band::of(regime.iter().filter_map(of).flatten().map(|fitted| fitted.quality.success));
-        let more = |d: &usize| {
-            let mean = band(of(d)?, |quality| Some(quality.quality))?.mean;
-            (mean > 0.0).then(|| mean.ln() / found.gamma.ln())
-        };
+        let more = |d: &usize| found.more_than_optimum(of(d)?);
         let steps: Vec<Option<f64>> = regime.iter().map(more).collect();
         let below = steps.iter().flatten().filter(|&&more| more < 1.0).count();
         let mut cells = vec![Cell::text(what), Cell::maybe(success.map(|band| band.mean), 3)];
         cells.extend(steps.iter().map(|&more| Cell::maybe(more, 2)));
+        cells.extend([0, 1].map(
+            |variant| match found.regime((Kind::Thesis, 0, variant), Findings::more_than_optimum) {
+                _ if !whole => Cell::Empty,
+                Some((from, to)) => Cell::text(format!("{from} to {to}")),
+                None => Cell::text("none"),
+            },
+        ));
         let verdict = match below {
             0 => "differs: nowhere less than a step more".to_owned(),
             all if all == steps.len() => "agrees: less than a step more".to_owned(),
@@ -286,8 +302,9 @@ mod tests {
         let good = [(10, false), (20, true), (30, true), (40, false), (50, true)];
         let found = good.into_iter().map(|(d, good)| ((Kind::Blocked, 0, d), at(good))).collect();
         let shown = Findings { found, sets: [100, 50], gamma: 0.9 };
-        assert_eq!(shown.regime(Kind::Blocked, 0, 0), Some((20, 30)));
-        assert_eq!((shown.regime(Kind::Blocked, 1, 0), shown.regime(Kind::Thesis, 0, 0)), (None, None));
+        let regime = |kind, set| shown.regime((kind, set, 0), Findings::more);
+        assert_eq!(regime(Kind::Blocked, 0), Some((20, 30)));
+        assert_eq!((regime(Kind::Blocked, 1), regime(Kind::Thesis, 0)), (None, None));
         assert!((shown.more(&fitted(0.81)).unwrap() - 2.0).abs() < 1e-9);
     }
 }

@@ -195,7 +195,8 @@ fn tried(
     let begin = Instant::now();
     if method == Method::Adagio {
         let features = lab.scenario.slow.features.min(vectors);
-        let model = learned(frames, &lab.links(&walked, lab.thesis_weight(&walked)), (vectors, features), bench)?;
+        let model =
+            learned(frames, &lab.links(&walked, lab.thesis_weight(&walked.steps())), (vectors, features), bench)?;
         let trained = Trained { lab, walked: walked.into(), frames: frames.to_owned().into(), model };
         let rule = local::Rule { ridge: lab.scenario.value.local_ridge, walls: true, bounded: true };
         let learned = local::of_features(&trained, trained.walked.spread(actions), rule, bench)?;

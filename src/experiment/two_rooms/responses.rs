@@ -77,7 +77,10 @@ fn compute(lab: &Lab, settings: &Settings, bench: &Bench<'_>) -> Result<Outcome,
     let pairs = Pairs::draw(lab, settings.training.data.actions);
     let (_, model) = train(lab, &pairs, &settings.training, bench)?;
     let theory = optimal_responses(lab, &pairs, settings.candidates)?;
-    let mut optimal = slowness_of(theory.evaluate(points(&pairs.poses).as_ref()).as_ref(), &pairs.links(lab));
+    let mut optimal = slowness_of(
+        theory.evaluate(points(&pairs.poses).as_ref()).as_ref(),
+        &pairs.links(lab, lab.scenario.slow.move_weight),
+    );
     optimal.sort_by(f64::total_cmp);
     let floor = Floor::new(lab, settings.places);
     let poses = floor.poses();

@@ -13,7 +13,7 @@ use nalgebra::{Point2, Vector2};
 use serde::{Deserialize, Serialize};
 
 use self::results::{best, plots, table};
-use super::{Pairs, TRANSITIONS, Training, VECTORS, optimal_responses, room_of, rooms, train};
+use super::{Pairs, TRANSITIONS, Training, VECTORS, optimal_responses, room_of, rooms, speeds, train};
 use crate::evaluate::{Trip, reference_action};
 use crate::experiment::lab::{Lab, points};
 use crate::experiment::quality::{Quality, Trials};
@@ -136,7 +136,7 @@ impl<'a> Shared<'a> {
         let (lab, pairs) = (self.lab, &self.pairs);
         Ok(match settings.kind {
             Features::Trigonometric => {
-                let (speed, turn) = pairs.speeds(lab);
+                let (speed, turn) = speeds(lab, pairs);
                 let waves = OptimalResponses::slowest(&lab.axes()?, &plane_motion(speed, turn), most - 1)?;
                 let phi = with_one(&waves.evaluate(points(&pairs.poses).as_ref())?);
                 Made { phi, source: Source::Trigonometric(waves) }
