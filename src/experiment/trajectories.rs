@@ -12,6 +12,7 @@ use super::{Band, Bench, Cell, Experiment, ExperimentError, Once, Results, Sizes
 use crate::evaluate::{Evaluator, wilson_low};
 use crate::report::draw::{Axis, Chart, DrawError, Line, SERIES, Stroke};
 use crate::robot::Pose;
+use crate::scenario::Task;
 
 /// The experiment.
 pub const EXPERIMENT: Experiment = Experiment {
@@ -31,9 +32,54 @@ const STARTS: Sizes<usize> = Sizes { full: 20, quick: 20, smoke: 4 };
 /// Of how many trajectories how many arrived in the thesis: "about 80 %".
 const ARRIVED: (usize, usize) = (16, 20);
 
+/// What may decide how many arrive with the thesis's iteration: the number of features and of transitions, as far as the walk has them; blocked
+/// moves among these; and the number of support vectors.
+const CONDITIONS: [Condition; 6] = [
+    Condition { what: "as above", ..Condition::PLAIN },
+    Condition { what: "half as many features", features: 0.5, ..Condition::PLAIN },
+    Condition { what: "up to three times as many transitions", transitions: 3, ..Condition::PLAIN },
+    Condition { what: "these, and twice as many features", features: 2.0, transitions: 3, ..Condition::PLAIN },
+    Condition { what: "blocked moves among the transitions", blocked: true, ..Condition::PLAIN },
+    Condition { what: "an eighth of the support vectors", fewer_vectors: 8, ..Condition::PLAIN },
+];
+/// Starts for each goal under each condition.
+const CONDITION_STARTS: Sizes<usize> = Sizes { full: 100, quick: 100, smoke: 4 };
+
+/// What is another than above.
+struct Condition {
+    what: &'static str,
+    features: f64,
+    transitions: usize,
+    blocked: bool,
+    fewer_vectors: usize,
+}
+
+impl Condition {
+    const PLAIN: Condition = Condition { what: "", features: 1.0, transitions: 1, blocked: false, fewer_vectors: 1 };
+}
+
+#[derive(Serialize)]
+struct Varied {
+    training: Training,
+    features: usize,
+    transitions: usize,
+    blocked: bool,
+    starts: usize,
+}
+
+/// What came of a goal under a condition.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+pub struct Arrived {
+    /// Whether policy iteration settled.
+    pub converged: bool,
+    /// Share of the starts from which it arrived.
+    pub share: f64,
+}
+
 #[derive(Serialize)]
 struct Settings {
     training: Training,
+    features: usize,
     transitions: usize,
     starts: usize,
     task: String,
@@ -65,25 +111,45 @@ struct Driven {
     trajectories: Vec<Trajectory>,
 }
 
+/// What the thesis's iteration comes to under a condition, for each goal.
+fn varied(trained: &Trained<'_>, settings: &Varied, bench: &Bench<'_>) -> Result<Vec<Arrived>, ExperimentError> {
+    let lab = trained.lab;
+    // Of all kinds, or as in the thesis.
+    let kind = if settings.blocked { Iteration::Alone } else { Iteration::Thesis };
+    let sampled = Sampled::new(trained, settings.transitions, kind, bench)?;
+    let (scenario, world) = (lab.scenario.clone(), lab.world.clone());
+    let evaluator = Evaluator::new(scenario, world, settings.starts, lab.scenario.seed);
+    let of_goal = |task: usize| {
+        bench.go_on()?;
+        let fit = sampled.fit(settings.features, task, Iteration::Thesis)?;
+        let trips = trips(&trained.model, &fit, (&evaluator, task), Iteration::Thesis.reflexes(lab))?;
+        let share = trips.iter().filter(|trip| trip.arrived).count() as f64 / trips.len() as f64;
+        Ok(Arrived { converged: fit.converged, share })
+    };
+    (0..lab.scenario.tasks.len()).map(of_goal).collect()
+}
+
 fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     let scope = bench.scope;
     let ((actions, transitions, vectors), features) = (scope.pick(TRAINING), scope.pick(FEATURES));
     let (vectors, starts) = (scope.vectors_or(vectors), scope.pick(STARTS));
     let mut driven = Vec::new();
     let first = Lab::new(scope.seeds[0], &[])?;
-    bench.plan(scope.seeds.len() * first.scenario.tasks.len() * Iteration::BOTH.len());
+    bench.plan(scope.seeds.len() * (first.scenario.tasks.len() * Iteration::BOTH.len() + CONDITIONS.len()));
+    let mut under = [(); CONDITIONS.len()].map(|()| Vec::new());
     for &seed in scope.seeds.iter() {
         let lab = Lab::new(seed, &[])?;
-        let training = Training::new(&lab, actions, vectors, features - 1);
+        // Conditions have up to twice as many features, the first of them the same.
+        let training = Training::new(&lab, actions, vectors, 2 * features - 1);
         let (trained, evaluator) = (Once::<Trained<'_>>::default(), Once::default());
         let sampled: [Once<Sampled<'_>>; 3] = Default::default();
         for (task, goal) in lab.scenario.tasks.iter().enumerate() {
             for iteration in Iteration::BOTH {
-                let settings =
-                    Settings { training: training.clone(), transitions, starts, task: goal.name.clone(), iteration };
+                let (training, task_name) = (training.clone(), goal.name.clone());
+                let settings = Settings { training, features, transitions, starts, task: task_name, iteration };
                 let label = format!("{}, {}, seed {seed}", goal.name, iteration.name());
                 let trajectories: Vec<Trajectory> = bench.result(&label, &settings, || {
-                    let trained = trained.get(|| train(&lab, &training, bench))?;
+                    let trained = trained.get(|| train(&lab, &settings.training, bench))?;
                     let make = || Sampled::new(trained, transitions, iteration, bench);
                     let sampled = sampled[iteration as usize].get(make)?;
                     let evaluator = evaluator.get(|| {
@@ -106,9 +172,26 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
                 driven.push(Driven { seed, task, iteration, trajectories });
             }
         }
+        for (condition, found) in CONDITIONS.iter().zip(&mut under) {
+            let few = condition.fewer_vectors > 1;
+            let vectors = (vectors / condition.fewer_vectors).max(20);
+            let settings = Varied {
+                training: Training::new(&lab, actions, vectors, 2 * features - 1),
+                features: (condition.features * features as f64) as usize,
+                transitions: transitions * condition.transitions,
+                blocked: condition.blocked,
+                starts: scope.pick(CONDITION_STARTS),
+            };
+            found.push(bench.result(&format!("{}, seed {seed}", condition.what), &settings, || {
+                if few {
+                    return varied(&train(&lab, &settings.training, bench)?, &settings, bench);
+                }
+                varied(trained.get(|| train(&lab, &settings.training, bench))?, &settings, bench)
+            })?);
+        }
     }
     Ok(Results {
-        tables: vec![summary(&first, &driven), single(&first, &driven, scope.seeds[0])],
+        tables: vec![summary(&first, &driven), conditions(&first, &under), single(&first, &driven, scope.seeds[0])],
         notes: vec![
             format!(
                 "{starts} random starts for each goal, {features} features, {transitions} transitions, about {vectors} support \
@@ -170,6 +253,32 @@ fn summary(lab: &Lab, driven: &[Driven]) -> Table {
             ];
             table.push(cells, says);
         }
+    }
+    table
+}
+
+/// How many arrive with the thesis's iteration under each condition.
+fn conditions(lab: &Lab, under: &[Vec<Vec<Arrived>>]) -> Table {
+    let of_goal = |task: &Task| [format!("{}: arrived", task.name), format!("{}: settled", task.name)];
+    let columns: Vec<String> =
+        std::iter::once("condition".to_owned()).chain(lab.scenario.tasks.iter().flat_map(of_goal)).collect();
+    let columns: Vec<&str> = columns.iter().map(String::as_str).collect();
+    let mut table = Table::new("What decides how many arrive with the thesis's LSPI", &columns);
+    let robot = ARRIVED.0 as f64 / ARRIVED.1 as f64;
+    for (condition, seeds) in CONDITIONS.iter().zip(under) {
+        let mut cells = vec![Cell::text(condition.what)];
+        let mut fewer = 0;
+        for task in 0..lab.scenario.tasks.len() {
+            let arrived = Band::of(seeds.iter().map(|of| of[task].share));
+            fewer += usize::from(arrived.is_some_and(|band| band.mean < robot));
+            let settled = seeds.iter().filter(|of| of[task].converged).count() as f64 / seeds.len() as f64;
+            cells.extend([Cell::band(arrived, 2), Cell::Number(settled, 2)]);
+        }
+        let says = match fewer {
+            0 => "agrees: as many as the robot's, or more".to_owned(),
+            some => format!("differs: fewer than the robot's to {some} of {}", lab.scenario.tasks.len()),
+        };
+        table.push(cells, says);
     }
     table
 }
