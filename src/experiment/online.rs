@@ -25,7 +25,7 @@ use crate::slow::SlowModel;
 pub const EXPERIMENT: Experiment = Experiment {
     name: "online",
     line: "success by frames seen: our stream, the batch pipeline, IncSFA, Stream-Q(λ), true pose, random, optimal",
-    lasts: Sizes { full: "half an hour", quick: "8 min", smoke: "seconds" },
+    lasts: Sizes { full: "5 min", quick: "8 min", smoke: "seconds" },
     run,
 };
 
@@ -268,7 +268,7 @@ fn plots(found: &Found, most: usize) -> Result<Vec<(String, String)>, Experiment
             "quality.svg".into(),
             chart(
                 "Convergence quality by actions seen",
-                (&x, &y("convergence quality C, against the optimum")),
+                (&x, &y("quality C against the optimum")),
                 &lines(|p| p.quality),
             )?,
         ),

@@ -29,7 +29,7 @@ use crate::slow::SlowModel;
 pub const EXPERIMENT: Experiment = Experiment {
     name: "selection",
     line: "choice of support vectors: ALD, random, MP-MAH, ALD over slow features",
-    lasts: Sizes { full: "an hour", quick: "6 min", smoke: "seconds" },
+    lasts: Sizes { full: "8 min", quick: "6 min", smoke: "seconds" },
     run,
 };
 
@@ -325,7 +325,7 @@ fn plots(found: &Found, tasks: &[String]) -> Result<Vec<(String, String)>, Exper
     for (number, task) in tasks.iter().enumerate() {
         let quality = chart(
             &format!("Convergence quality, {task}"),
-            (&x, &Axis::new("convergence quality C, against the optimum").within(0.0, 1.0)),
+            (&x, &Axis::new("quality C against the optimum").within(0.0, 1.0)),
             &lines(&|outcome| Some(outcome.policies.get(number)?.quality)),
         )?;
         plots.push((format!("quality-{}.svg", number + 1), quality));

@@ -18,7 +18,7 @@ use crate::scenario::Task;
 pub const EXPERIMENT: Experiment = Experiment {
     name: "trajectories",
     line: "single trajectories to both goals, with 128 slow features (figure robotest)",
-    lasts: Sizes { full: "half an hour", quick: "3 min", smoke: "seconds" },
+    lasts: Sizes { full: "6 min", quick: "3 min", smoke: "seconds" },
     run,
 };
 

@@ -19,7 +19,7 @@ use crate::report::draw::Axis;
 pub const EXPERIMENT: Experiment = Experiment {
     name: "values",
     line: "local values against linear ones, over slow features and over the true pose, for five goals",
-    lasts: Sizes { full: "15 min", quick: "5 min", smoke: "seconds" },
+    lasts: Sizes { full: "7 min", quick: "5 min", smoke: "seconds" },
     run,
 };
 

@@ -18,7 +18,7 @@ use crate::report::draw::Axis;
 pub const EXPERIMENT: Experiment = Experiment {
     name: "vision-lspi",
     line: "LSPI over slow features of the camera's images, by their number (figure pi_nf_sim)",
-    lasts: Sizes { full: "8 min", quick: "3 min", smoke: "seconds" },
+    lasts: Sizes { full: "a quarter of an hour", quick: "3 min", smoke: "seconds" },
     run,
 };
 
