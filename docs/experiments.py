@@ -14,6 +14,8 @@ import sys
 
 DOCS = pathlib.Path(__file__).parent
 PAGE = DOCS / "experiments.md"
+# Long tables that stand in `table.md` alone, by the beginning of their titles.
+LEFT_OUT = ["Steps of each trajectory", "All policies"]
 
 
 def command(result):
@@ -42,6 +44,8 @@ def filled(page, folder):
         sys.exit(f"{PAGE}: the section `{name}` has no command")
     table = (folder / "table.md").read_text()
     table = re.sub(r"^!\[.*\n", "", table[table.index("**") :], flags=re.M)
+    for title in LEFT_OUT:
+        table = re.sub(rf"^\*\*{title}.*\n\n(\|.*\n)*", "", table, flags=re.M)
     table = re.sub(r"\n{3,}", "\n\n", table).strip()
     text = text[: text.index("\n**") + 1] + table + "\n\n"
     for picture in re.findall(rf"\]\(experiments/({re.escape(name)}-[^)]+)\)", text):
