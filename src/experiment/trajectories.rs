@@ -199,7 +199,7 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
                 first.scenario.evaluate.max_steps
             ),
             "Intervals: 95 %, Wilson's, over all trajectories. The thesis's 20 trajectories were driven by a real robot, with people, reflections and other light in the images: \
-             that ours arrive more often says little about the method."
+             that other shares of ours arrive says little about the method."
                 .into(),
         ],
         plots: plots(&first, &driven, scope.seeds[0])?,

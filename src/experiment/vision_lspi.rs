@@ -37,7 +37,7 @@ const MORE: (f64, f64) = (2.0, 3.0);
 /// The thesis tells whole steps, read off a curve: half of one is no difference.
 const ROUNDED: f64 = 0.5;
 
-/// The camera as it is, and without its noise and drift, as the thesis's simulator had none.
+/// The camera as it is, and without its noise and drift, of which the thesis tells nothing for its simulator.
 const CAMERAS: [&[&str]; 2] = [&[], &["camera.pixel_noise=0", "camera.exposure_drift=0"]];
 /// What may decide whether many features work: the camera, and how many times as many transitions, as far as the walk has them.
 const CONDITIONS: [(&str, &[&str], usize); 3] = [

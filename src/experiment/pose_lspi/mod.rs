@@ -28,7 +28,7 @@ use crate::value::{Fit, Lspi, LspiOptions, Outcomes, Samples, Start};
 pub const EXPERIMENT: Experiment = Experiment {
     name: "pose-lspi",
     line: "LSPI over trigonometric features of the true pose, by their number (figure pi_overfitting)",
-    lasts: Sizes { full: "10 min", quick: "4 min", smoke: "seconds" },
+    lasts: Sizes { full: "a quarter of an hour", quick: "4 min", smoke: "seconds" },
     run,
 };
 

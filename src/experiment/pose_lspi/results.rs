@@ -224,7 +224,9 @@ pub fn conditions(first: &Findings, others: &[Findings], regime: &[usize]) -> Ta
                 None => Cell::text("none"),
             });
             let below = steps.iter().flatten().filter(|&&more| more < 1.0).count();
-            let is_better = |(more, drawn): &(&Option<f64>, &Option<f64>)| matches!((more, drawn), (Some(more), Some(drawn)) if more + 0.5 < *drawn);
+            let is_better = |(more, drawn): &(&Option<f64>, &Option<f64>)| {
+                more.zip(**drawn).is_some_and(|(more, drawn)| more + 0.5 < drawn)
+            };
             let better = steps.iter().zip(&drawn).filter(is_better).count();
             let verdict = match (variant, below) {
                 (0, 0) => "differs: nowhere less than a step more".to_owned(),
