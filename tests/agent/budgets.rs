@@ -76,8 +76,9 @@ fn grown(log: &Path) -> Vec<DictionaryGrowth> {
 fn a_width_that_the_first_room_made_too_narrow_is_looked_at_again() {
     let folder = tempfile::tempdir().unwrap();
     let office = package_file("scenarios/office.toml").display().to_string();
-    // Models of 1 500, 3 000, 4 500 and all 5 001 frames; what the robot does is not decided by them.
-    let sets = "value.method=lspi value.places=false slow.features=50 evaluate.every=0 evaluate.starts=1 \
+    // Models of 1 500, 3 000, 4 500 and all 5 001 frames; what the robot does is not decided by them,
+    // and not tried: the shortest ways to ten goals take minutes to find.
+    let sets = "value.method=lspi value.places=false slow.features=50 evaluate.every=0 evaluate.starts=1 evaluate.max_steps=1 \
                 world.texture_seed=161 policy.explore_share=1.0 agent.resolve_frames=1500 agent.latency_frames=500";
     let run = |out: &str, more: &[&str]| {
         let mut command =

@@ -126,7 +126,7 @@ fn a_run_with_changes_counts_what_was_lost_is_repeated_and_goes_on() {
     std::fs::write(folder.path().join("changing.toml"), smoke + "\n[[change]]\n[[change]]\n[[change]]\n").unwrap();
     let run = |name: &str, more: &[&str]| {
         let sets: Vec<&str> = CHANGES.iter().flat_map(|&set| ["--set", set]).collect();
-        let arguments = [&["run", "changing.toml", "--out", name, "--quiet"], &sets[..], more].concat();
+        let arguments = [&["run", "changing.toml", "--out", name, "--quiet", "--no-report"], &sets[..], more].concat();
         let output = adagio(folder.path(), &arguments);
         assert!(output.status.success(), "{}", stderr(&output));
         folder.path().join(name)
@@ -146,7 +146,7 @@ fn a_run_with_changes_counts_what_was_lost_is_repeated_and_goes_on() {
     let bytes = std::fs::read(&cut).unwrap();
     std::fs::write(&cut, &bytes[..bytes.len() / 3]).unwrap();
     std::fs::remove_file(folder.path().join("cut/report.json")).unwrap();
-    let resumed = adagio(folder.path(), &["resume", "cut", "--quiet"]);
+    let resumed = adagio(folder.path(), &["resume", "cut", "--quiet", "--no-report"]);
     assert!(resumed.status.success(), "{}", stderr(&resumed));
     assert_eq!(report(&folder.path().join("cut"))["digest"], whole["digest"]);
 }
@@ -157,7 +157,7 @@ fn changing_run(folder: &Path, name: &str, lines: &str, sets: &[&str]) -> std::p
     let file = format!("{name}.toml");
     std::fs::write(folder.join(&file), smoke + lines).unwrap();
     let sets: Vec<&str> = sets.iter().flat_map(|&set| ["--set", set]).collect();
-    let output = adagio(folder, &[&["run", &file, "--out", name, "--quiet"], &sets[..]].concat());
+    let output = adagio(folder, &[&["run", &file, "--out", name, "--quiet", "--no-report"], &sets[..]].concat());
     assert!(output.status.success(), "{}", stderr(&output));
     folder.join(name)
 }
@@ -222,7 +222,7 @@ fn a_goal_that_moves_is_in_the_log_once_and_a_replay_moves_it_again() {
         std::fs::write(cut.join("run_000.mcap"), &bytes[..bytes.len() / 8 * share]).unwrap();
         let _ = std::fs::remove_file(cut.join("run_001.mcap"));
         std::fs::remove_file(cut.join("report.json")).unwrap();
-        let resumed = adagio(folder.path(), &["resume", "cut", "--quiet"]);
+        let resumed = adagio(folder.path(), &["resume", "cut", "--quiet", "--no-report"]);
         assert!(resumed.status.success(), "{}", stderr(&resumed));
         assert_eq!(report(&cut)["digest"], digest, "{share} of 8 parts");
     }

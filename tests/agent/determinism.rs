@@ -37,7 +37,8 @@ fn one_core_gives_the_digest_of_all() {
     let core = allowed.split(['-', ',']).next().unwrap();
     let scenario = crate::common::package_file("scenarios/smoke.toml");
     let output = std::process::Command::new("taskset")
-        .args(["-c", core, env!("CARGO_BIN_EXE_adagio"), "run", scenario.to_str().unwrap(), "--quiet", "--out", "one"])
+        .args(["-c", core, env!("CARGO_BIN_EXE_adagio")])
+        .args(["run", scenario.to_str().unwrap(), "--quiet", "--no-report", "--out", "one"])
         .args(large)
         .current_dir(folder.path())
         .env("RAYON_NUM_THREADS", "1")

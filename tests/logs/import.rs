@@ -357,8 +357,17 @@ fn every_kind_of_camera_pose_command_and_action_is_read() {
         let robot = "name = \"own\"\n[robot]\nbody = \"program\"\npose = \"known\"\n";
         let task = "[[task]]\nname = \"centre\"\ngoal = [1.5, 0.9]\n";
         std::fs::write(&scenario, format!("{robot}{task}{actions}{length:?}\n")).unwrap();
-        let fixed =
-            ["replay", "bag", "--scenario", scenario.to_str().unwrap(), "--out", out, "--quiet", "--no-evaluate"];
+        let fixed = [
+            "replay",
+            "bag",
+            "--scenario",
+            scenario.to_str().unwrap(),
+            "--out",
+            out,
+            "--quiet",
+            "--no-evaluate",
+            "--no-report",
+        ];
         let topics =
             ["--set", "topics.camera=/camera/mono", "--set", "topics.pose=/odom", "--set", "topics.command=none"];
         adagio(folder.path(), &[&fixed[..], &topics, more].concat())

@@ -63,10 +63,10 @@ fn other_tools_are_satisfied_with_every_kind_of_log() {
     damaged[whole.len() / 3] ^= 1;
     std::fs::write(at("damaged.mcap"), damaged).unwrap();
     for (arguments, codes) in [
-        (&["resume", "cut", "--quiet"][..], [0, 0]),
+        (&["resume", "cut", "--quiet", "--no-report"][..], [0, 0]),
         (&["recover", "cut/run_000.mcap", "--out", "closed.mcap"], [0, 3]),
         (&["recover", "damaged.mcap", "--out", "mended.mcap"], [3, 3]),
-        (&["replay", "rotated", "--set", "slow.features=20", "--out", "other", "--quiet"], [0, 0]),
+        (&["replay", "rotated", "--set", "slow.features=20", "--out", "other", "--quiet", "--no-report"], [0, 0]),
     ] {
         let output = adagio(folder.path(), arguments);
         assert!(codes.contains(&output.status.code().unwrap()), "{arguments:?}: {}", stderr(&output));

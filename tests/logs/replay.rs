@@ -218,7 +218,7 @@ fn a_realtime_run_that_was_cut_off_goes_on_and_is_repeated() {
 fn signalled(folder: &Path, arguments: &[&str], bytes: u64, signal: &str) {
     let scenario = crate::common::package_file("scenarios/smoke.toml");
     let mut running = std::process::Command::new(env!("CARGO_BIN_EXE_adagio"))
-        .args(["run", scenario.to_str().unwrap(), "--quiet", "--json", "--out", "run"])
+        .args(["run", scenario.to_str().unwrap(), "--quiet", "--no-report", "--json", "--out", "run"])
         .args(arguments)
         .current_dir(folder)
         .stdout(std::process::Stdio::null())

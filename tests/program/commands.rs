@@ -64,7 +64,7 @@ fn a_run_leaves_its_folder_and_a_report_with_all_keys() {
         assert!(curve[0].as_object().unwrap().contains_key(name), "curve.{name}");
     }
     // A second run of the same scenario and seed goes to a folder of its own.
-    let again = adagio(folder.path(), &["run", &smoke(), "--quiet", "--seed", "5", "--actions", "60"]);
+    let again = adagio(folder.path(), &["run", &smoke(), "--quiet", "--no-report", "--seed", "5", "--actions", "60"]);
     assert!(again.status.success(), "{}", stderr(&again));
     assert!(folder.path().join("logs/smoke-seed5-2/report.json").is_file());
 }
@@ -72,13 +72,14 @@ fn a_run_leaves_its_folder_and_a_report_with_all_keys() {
 #[test]
 fn progress_goes_to_stderr_and_the_table_to_stdout() {
     let folder = tempfile::tempdir().unwrap();
-    let output = adagio(folder.path(), &["run", &smoke(), "--actions", "120", "--out", "run"]);
+    let output = adagio(folder.path(), &["run", &smoke(), "--no-report", "--actions", "120", "--out", "run"]);
     assert!(output.status.success());
     assert!(stdout(&output).contains("centre") && stdout(&output).contains("kept in run"));
     assert!(!stdout(&output).contains('\x1b'), "no terminal codes where there is no terminal");
     assert!(!stderr(&output).contains('\x1b'));
     assert!(stderr(&output).contains("evaluating 20 starts"));
-    let quiet = adagio(folder.path(), &["run", &smoke(), "--actions", "60", "--out", "quiet", "--quiet"]);
+    let quiet =
+        adagio(folder.path(), &["run", &smoke(), "--actions", "60", "--out", "quiet", "--quiet", "--no-report"]);
     assert!(quiet.status.success() && quiet.stderr.is_empty());
 }
 
@@ -144,7 +145,10 @@ fn foretold(sets: &[&str], within: f64) {
     let said = adagio(folder.path(), &[&["check", &smoke(), "--json"], &sets[..]].concat());
     assert!(said.status.success(), "{}", stderr(&said));
     let said: serde_json::Value = serde_json::from_str(&stdout(&said)).unwrap();
-    let run = adagio(folder.path(), &[&["run", &smoke(), "--json", "--quiet", "--out", "run"], &sets[..]].concat());
+    let run = adagio(
+        folder.path(),
+        &[&["run", &smoke(), "--json", "--quiet", "--no-report", "--out", "run"], &sets[..]].concat(),
+    );
     assert!(run.status.success(), "{}", stderr(&run));
     let run: serde_json::Value = serde_json::from_str(&stdout(&run)).unwrap();
     let number = |value: &serde_json::Value| value.as_f64().expect("a number");
