@@ -440,9 +440,11 @@ impl Learned {
         state
     }
 
-    /// Whether there is a goal to pursue: one that is `shown` needs marks.
+    /// Whether there is a goal to pursue: one that is `shown` needs marks, and local values know the way to none that was never met.
     pub fn has_goal(&self, task: usize, shown: bool) -> bool {
-        !shown || self.regions.get(task).is_some_and(Option::is_some)
+        let is_worth = |worth: &Mat<f64>| worth.col_iter().any(|column| column.iter().any(|&worth| worth > 0.0));
+        (!shown || self.regions.get(task).is_some_and(Option::is_some))
+            && (self.instances.is_none() || self.weights.get(task).is_some_and(is_worth))
     }
 
     /// Whether observations are at the goal of a task that was shown, by their features, `f × n`.

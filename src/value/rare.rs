@@ -19,7 +19,7 @@ const AROUND: usize = 16;
 const AT_ONCE: usize = 128;
 
 /// `count` places in which few states lie, each as the numbers of some states next to each other. A state is the middle of one the more
-/// probably the fewer others are near, by the square of that. None where no two states differ, or distances are beyond what `f32` holds.
+/// probably the fewer others are near, by a power of that. None where no two states differ, or distances are beyond what `f32` holds.
 /// Coordinates should have their mean near 0: distances are found from products, in single precision.
 ///
 /// # Shapes
@@ -29,8 +29,13 @@ const AT_ONCE: usize = 128;
 /// Values that are not finite.
 ///
 /// # Reference
-/// Rarity by the number of states that are alike: Tang et al. 2017. The square of it is of our own.
-pub fn rare_places(points: MatRef<'_, f32>, count: usize, rng: &mut impl Rng) -> Result<Vec<Vec<usize>>, ValueError> {
+/// Rarity by the number of states that are alike: Tang et al. 2017. Powers of it are of our own.
+pub fn rare_places(
+    points: MatRef<'_, f32>,
+    power: i32,
+    count: usize,
+    rng: &mut impl Rng,
+) -> Result<Vec<Vec<usize>>, ValueError> {
     finite_points("points", points)?;
     let n = points.ncols();
     let asked: Vec<usize> = (0..ASKED.min(n)).map(|k| k * n / ASKED.min(n)).collect();
@@ -54,7 +59,7 @@ pub fn rare_places(points: MatRef<'_, f32>, count: usize, rng: &mut impl Rng) ->
         distances.into_iter().map(alike).collect::<Vec<f64>>()
     };
     let density = map_all(n.div_ceil(AT_ONCE), of_block).into_iter().flatten();
-    let weights: Vec<f64> = density.map(|density| (1.0 + density).powi(-2)).collect();
+    let weights: Vec<f64> = density.map(|density| (1.0 + density).powi(-power)).collect();
     let sum = weights.iter().sum::<f64>();
     // Squares of distances that `f32` cannot hold tell nothing.
     if !(sum > 0.0 && width.is_finite()) {
@@ -103,30 +108,35 @@ mod tests {
         };
         let of: Vec<[f32; 2]> = (0..5000).map(|j| point(j, &mut rng)).collect();
         let points = Mat::from_fn(2, of.len(), |i, j| of[j][i]);
-        let places = rare_places(points.as_ref(), 400, &mut rng).unwrap();
-        let corner = places.iter().filter(|place| place.iter().all(|state| state % 100 == 0)).count();
-        assert_eq!(places.len(), 400);
+        let corners = [2, 4].map(|power| {
+            let places = rare_places(points.as_ref(), power, 400, &mut rng).unwrap();
+            assert_eq!(places.len(), 400);
+            for place in &places {
+                assert_eq!(place.len(), AROUND);
+                let apart = |a: usize, b: usize| (0..2).map(|i| (of[a][i] - of[b][i]).powi(2)).sum::<f32>();
+                // Any two of a place are near each other.
+                assert!(place.iter().all(|&a| place.iter().all(|&b| apart(a, b) < 1.0)), "{place:?}");
+            }
+            places.iter().filter(|place| place.iter().all(|state| state % 100 == 0)).count()
+        });
         // A state there is chosen many times as often as another: without regard to how rare it is, 4 of 400 would be.
-        assert!((60..400).contains(&corner), "{corner}");
-        for place in &places {
-            assert_eq!(place.len(), AROUND);
-            let apart = |a: usize, b: usize| (0..2).map(|i| (of[a][i] - of[b][i]).powi(2)).sum::<f32>();
-            // Any two of a place are near each other.
-            assert!(place.iter().all(|&a| place.iter().all(|&b| apart(a, b) < 1.0)), "{place:?}");
-        }
+        assert!(60 < corners[0] && 2 * corners[0] < corners[1], "{corners:?}");
     }
 
     #[test]
     fn where_nothing_differs_there_is_no_place() {
         let rng = || stream(1, "none");
         for n in [0, 1, 5] {
-            assert_eq!(rare_places(Mat::full(3, n, 1.0).as_ref(), 2, &mut rng()), Ok(Vec::new()));
+            assert_eq!(rare_places(Mat::full(3, n, 1.0).as_ref(), 2, 2, &mut rng()), Ok(Vec::new()));
         }
         let two = Mat::from_fn(1, 2, |_, j| j as f32);
-        assert_eq!(rare_places(two.as_ref(), 2, &mut rng()), Ok(vec![vec![0, 1]; 2]));
+        assert_eq!(rare_places(two.as_ref(), 2, 2, &mut rng()), Ok(vec![vec![0, 1]; 2]));
         for far in [1e20, f32::MAX] {
-            assert_eq!(rare_places(Mat::from_fn(1, 2, |_, j| far * j as f32).as_ref(), 2, &mut rng()), Ok(Vec::new()));
+            assert_eq!(
+                rare_places(Mat::from_fn(1, 2, |_, j| far * j as f32).as_ref(), 2, 2, &mut rng()),
+                Ok(Vec::new())
+            );
         }
-        assert!(rare_places(Mat::full(1, 2, f32::NAN).as_ref(), 1, &mut rng()).is_err());
+        assert!(rare_places(Mat::full(1, 2, f32::NAN).as_ref(), 2, 1, &mut rng()).is_err());
     }
 }

@@ -268,3 +268,17 @@ fn exploration_goes_to_rarely_visited_places() {
     let scenario = Scenario::parse(text, "lab.toml".as_ref(), &[]).unwrap();
     assert_eq!(there, 1.0 / scenario.policy.explore_length as f64);
 }
+
+/// Local values know no way to a goal that was never met: what was met costs, at most.
+#[test]
+fn a_goal_that_was_never_met_is_not_pursued() {
+    let model = || model(Kernel::gaussian(600.0).unwrap(), 147, 90, 25, 1);
+    let mut met = Mat::full(600, 1, -0.1);
+    met[(7, 0)] = 0.2;
+    let tasks = vec![met, Mat::full(600, 1, -0.1), Mat::zeros(600, 1)];
+    let local = Learned::local(1, 0, 0, model(), instances(12, 200), tasks, None).unwrap();
+    assert_eq!([0, 1, 2].map(|task| local.has_goal(task, false)), [true, false, false]);
+    assert!(!local.has_goal(0, true), "where it is was not shown");
+    let linear = learned(Kernel::gaussian(600.0).unwrap(), 147, 90, 25, 2);
+    assert!(linear.has_goal(0, false) && linear.has_goal(1, false));
+}
