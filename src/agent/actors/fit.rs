@@ -199,7 +199,7 @@ impl FitPolicies {
             self.heedless().map(|task| Ok(fit(task, false)?.weights)).collect();
         let rare = if self.scenario.policy.directed_share > 0.0 { RARE } else { 0 };
         // What is seen differs more from place to place in some rooms than in others: a map that odometry has laid out tells better
-        // alone. Other maps are bent, and with them alone exploration does harm (docs/tried.md).
+        // alone. Other maps are bent, and with one of them alone fewer robots arrived (docs/tried.md).
         let measured = MotionNoise::measured(self.scenario.robot.odometry_noise);
         let exact = tried.places.filter(|metric| metric.noise == measured);
         let (looks, power) = exact.map_or((0, 2), |_| (PlaceMetric::features(tried.to.nrows()), 4));
