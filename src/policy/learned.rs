@@ -440,7 +440,8 @@ impl Learned {
         state
     }
 
-    /// Whether there is a goal to pursue: one that is `shown` needs marks, and local values know the way to none that was never met.
+    /// Whether there is a goal to pursue: one that is `shown` needs marks, and local values know no way to one that their
+    /// window has not met.
     pub fn has_goal(&self, task: usize, shown: bool) -> bool {
         let is_worth = |worth: &Mat<f64>| worth.col_iter().any(|column| column.iter().any(|&worth| worth > 0.0));
         (!shown || self.regions.get(task).is_some_and(Option::is_some))

@@ -19,7 +19,7 @@ const AROUND: usize = 16;
 const AT_ONCE: usize = 128;
 
 /// `count` places in which few states lie, each as the numbers of some states next to each other. A state is the middle of one the more
-/// probably the fewer others are near, by a power of that. None where no two states differ, or distances are beyond what `f32` holds.
+/// probably the fewer others are near: by (1 + how many)^−`power`. None where no two states differ, or distances are beyond what `f32` holds.
 /// Coordinates should have their mean near 0: distances are found from products, in single precision.
 ///
 /// # Shapes
