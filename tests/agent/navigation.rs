@@ -21,7 +21,18 @@ fn lab() -> String {
 fn run(text: &str, arguments: &[&str]) -> Value {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("world.toml"), text).unwrap();
-    let fixed = ["run", "world.toml", "--quiet", "--no-report", "--out", "run", "--set", "evaluate.every=0"];
+    let fixed = [
+        "run",
+        "world.toml",
+        "--quiet",
+        "--no-report",
+        "--out",
+        "run",
+        "--set",
+        "evaluate.every=0",
+        "--set",
+        "camera.detail=vision",
+    ];
     let output = adagio(folder.path(), &[&fixed, arguments].concat());
     assert!(output.status.success(), "{}", stderr(&output));
     report(&folder.path().join("run"))
@@ -77,8 +88,7 @@ fn from_one_room_the_goal_in_the_other_is_reached() {
     let two_rooms = std::fs::read_to_string(package_file("scenarios/two_rooms.toml")).unwrap();
     let short = ["--seed", "22", "--actions", "12000", "--set", "policy.explore_share=1"];
     let models = ["--set", "agent.resolve_frames=11000", "--set", "agent.latency_frames=2000"];
-    let trials = ["--set", "evaluate.starts=200", "--set", "camera.detail=vision"];
-    let found = run(&two_rooms, &[&short[..], &TWO_ROOMS, &models, &trials].concat());
+    let found = run(&two_rooms, &[&short[..], &TWO_ROOMS, &models, &["--set", "evaluate.starts=200"]].concat());
     for task in found["tasks"].as_array().unwrap() {
         let (success, quality) = (task["success"].as_f64().unwrap(), task["convergence_quality"].as_f64().unwrap());
         let reference = task["reference_success"].as_f64().unwrap();

@@ -319,6 +319,7 @@ fn the_scenarios_of_several_rooms_are_valid_and_run() {
             "evaluate.decode_train=100",
             "evaluate.decode_test=50",
             "evaluate.every=0",
+            "camera.detail=vision",
         ];
         let mut arguments = vec!["run", path.to_str().unwrap(), "--quiet", "--actions", "300", "--out", name];
         let with_report = name == "two_rooms";

@@ -17,7 +17,8 @@ use rand::RngExt;
 use crate::common::{adagio, package_file, report, stderr};
 
 /// The lab of `scenarios/shown.toml`, as short as a map of it can be learned in.
-const SHORT: [&str; 11] = [
+const SHORT: [&str; 12] = [
+    "camera.detail=vision",
     "dictionary.sigma_frames=500",
     "agent.resolve_frames=1000",
     "agent.latency_frames=100",
@@ -44,7 +45,7 @@ fn run_of(folder: &std::path::Path, name: &str, arguments: &[&str]) -> std::path
 #[test]
 fn a_goal_that_was_shown_is_found_again() {
     let folder = tempfile::tempdir().unwrap();
-    let short = "--seed 41 --actions 5000 --set world.texture_seed=77 --set evaluate.every=0 --set evaluate.starts=200";
+    let short = "--seed 41 --actions 5000 --set world.texture_seed=77 --set evaluate.every=0 --set evaluate.starts=200 --set camera.detail=vision";
     let found = report(&run_of(folder.path(), "run", &short.split(' ').collect::<Vec<_>>()));
     for task in found["tasks"].as_array().unwrap() {
         let arrival = |key: &str| task["arrival"][key].as_f64().unwrap();
@@ -190,7 +191,7 @@ fn what_was_not_shown_yet_is_said_and_the_robot_explores_on() {
 fn what_was_shown_to_be_avoided_is_driven_around() {
     let folder = tempfile::tempdir().unwrap();
     let scenario = package_file("scenarios/avoid.toml");
-    let short = "--seed 43 --actions 5000 --set world.texture_seed=79 --set evaluate.every=0 --set evaluate.starts=200";
+    let short = "--seed 43 --actions 5000 --set world.texture_seed=79 --set evaluate.every=0 --set evaluate.starts=200 --set camera.detail=vision";
     let fixed = ["run", scenario.to_str().unwrap(), "--quiet", "--no-report", "--out", "run"];
     let output = adagio(folder.path(), &[&fixed[..], &short.split(' ').collect::<Vec<_>>()].concat());
     assert!(output.status.success(), "{}", stderr(&output));
@@ -233,7 +234,7 @@ fn a_reward_from_outside_is_found_again_without_a_pose() {
     let (world, _) = scenario.split_once("[[task]]").unwrap();
     let pad = "[[task]]\nname = \"charger\"\nreward = \"topic\"\ngoal = [2.4, 0.6]\nradius = 0.2\n";
     std::fs::write(folder.path().join("pad.toml"), format!("{world}{pad}")).unwrap();
-    let short = "--set robot.pose=none --actions 5000 --set policy.explore_share=0.6 --set evaluate.every=0 --seed 44";
+    let short = "--set robot.pose=none --actions 5000 --set policy.explore_share=0.6 --set evaluate.every=0 --set camera.detail=vision --seed 44";
     let fixed = ["run", "pad.toml", "--quiet", "--no-report", "--out", "run"];
     let output = adagio(folder.path(), &[&fixed[..], &short.split(' ').collect::<Vec<_>>()].concat());
     assert!(output.status.success(), "{}", stderr(&output));

@@ -69,6 +69,8 @@ fn compare(scenario: &Scenario, ours: &[Image], theirs: &[Image]) -> Difference 
 fn a_device_draws_what_the_processor_draws_in_every_scenario() {
     let Some((_turn, gpu)) = device() else { return };
     println!("{}", gpu.name());
+    // A driver in software takes 20 ms for a view.
+    let views = if std::env::var("ADAGIO_LONG").is_ok_and(|value| value == "1") { 1000 } else { 100 };
     let mut drawn = HashSet::new();
     for path in scenarios() {
         let scenario = Scenario::load(&path, &[]).unwrap();
@@ -78,7 +80,7 @@ fn a_device_draws_what_the_processor_draws_in_every_scenario() {
         }
         let world = World::new(&scenario).unwrap();
         let drawn_by = Appearance::new(&scenario).unwrap().on(gpu.clone());
-        let poses = random_poses(&world, 1000, 7);
+        let poses = random_poses(&world, views, 7);
         // The world as it looks at first, and after each change of its papers.
         let papered = |change: &&Change| matches!(change.what, ChangeKind::Texture { .. });
         let changes = scenario.changes.iter().filter(papered).map(|change| change.first_frame(&scenario.robot));
@@ -170,9 +172,9 @@ fn a_policy_learned_on_one_renderer_works_on_the_other() {
     let lab = package_file("scenarios/lab.toml");
     let learn = |name: &str, renderer: &str| {
         let set = format!("world.renderer={renderer}");
-        let run = ["run", lab.to_str().unwrap(), "--seed", "21", "--actions", "1500", "--set", &set, "--out", name];
-        let trials = ["--set", "evaluate.every=0", "--set", "evaluate.starts=200", "--no-report", "--json", "--quiet"];
-        drive(folder.path(), &[&run[..], &trials].concat(), "software").0
+        let run = ["run", lab.to_str().unwrap(), "--seed", "21", "--actions", "1000", "--set", &set, "--out", name];
+        let few = ["--set", "robot.frames_per_action=2", "--set", "evaluate.every=0", "--set", "evaluate.starts=100"];
+        drive(folder.path(), &[&run[..], &few, &["--no-report", "--json", "--quiet"]].concat(), "software").0
     };
     let success = |tasks: &Value| {
         let tasks = tasks["tasks"].as_array().unwrap();
@@ -192,7 +194,7 @@ fn a_policy_learned_on_one_renderer_works_on_the_other() {
     let said = adagio_on("none", folder.path(), &["compare", "cpu", "gpu"]);
     assert!(String::from_utf8_lossy(&said.stdout).contains("can only be close"), "{said:?}");
     // The same policy in the other renderer's pictures: the scenario of the run asks for a device that is there, or is not.
-    let evaluate = |run: &str, gpu| drive(folder.path(), &["evaluate", run, "--starts", "200", "--json"], gpu);
+    let evaluate = |run: &str, gpu| drive(folder.path(), &["evaluate", run, "--starts", "100", "--json"], gpu);
     let (elsewhere, warning) = evaluate("gpu", "none");
     assert!(warning.contains("world.renderer is \"gpu\", and the processor renders"), "{warning}");
     let here = success(&by_gpu);
