@@ -9,6 +9,7 @@ use faer::Mat;
 use flate2::read::GzDecoder;
 use sha2::{Digest, Sha256};
 
+use super::spans::{mean, variance};
 use super::{Bench, ExperimentError};
 use crate::scenario::hex;
 
@@ -152,9 +153,7 @@ pub fn photographs(packages: &Packages) -> Result<(Vec<Mat<f64>>, String), Exper
         digest.update(&bytes);
         let grey = image::load_from_memory(&bytes)?.to_luma32f();
         let values: Vec<f64> = grey.as_raw().iter().map(|&value| value.into()).collect();
-        let n = values.len() as f64;
-        let mean = values.iter().sum::<f64>() / n;
-        let deviation = (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / n).sqrt();
+        let (mean, deviation) = (mean(values.iter().copied()), variance(&values).sqrt());
         let (width, height) = (grey.width() as usize, grey.height() as usize);
         Ok(Mat::from_fn(height, width, |y, x| (values[y * width + x] - mean) / deviation))
     };

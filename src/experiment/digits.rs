@@ -297,7 +297,7 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
              95 % Wilson interval. No seed plays a part."
                 .into(),
         ],
-        plots: vec![("errors.svg".into(), plot(&found)?)],
+        plots: vec![plot(&found)?],
     })
 }
 
@@ -315,9 +315,7 @@ fn in_the_thesis(row: Row) -> Option<f64> {
 }
 
 fn table(found: &[(Row, Outcome)]) -> Table {
-    let columns =
-        ["set", "method", "components", "coordinates", "training error, %", "test error, %", "at most, %", "thesis: %"];
-    let mut table = Table::new("Digits that are taken for others", &columns);
+    let mut table = Table::new("Digits that are taken for others");
     for (row, outcome) in found {
         let (wrong, all) = outcome.test;
         let at_most = 100.0 * (1.0 - wilson_low(all - wrong, all));
@@ -331,25 +329,23 @@ fn table(found: &[(Row, Outcome)]) -> Table {
             Some(thesis) => format!("differs: {:.2} times its errors", percent(outcome.test) / thesis),
         };
         let counted = |count: usize| if count == 0 { Cell::Empty } else { Cell::count(count) };
-        table.push(
-            vec![
-                Cell::text(row.set.name()),
-                Cell::text(row.method.name()),
-                counted(row.components),
-                counted(outcome.coordinates),
-                Cell::Number(percent(outcome.training), 2),
-                Cell::Number(percent(outcome.test), 2),
-                Cell::Number(at_most, 2),
-                Cell::maybe(thesis, 2),
-            ],
-            says,
-        );
+        let cells = [
+            ("set", Cell::text(row.set.name())),
+            ("method", Cell::text(row.method.name())),
+            ("components", counted(row.components)),
+            ("coordinates", counted(outcome.coordinates)),
+            ("training error, %", Cell::Number(percent(outcome.training), 2)),
+            ("test error, %", Cell::Number(percent(outcome.test), 2)),
+            ("at most, %", Cell::Number(at_most, 2)),
+            ("thesis: %", Cell::maybe(thesis, 2)),
+        ];
+        table.push(cells, says);
     }
     table
 }
 
 /// Errors on the small set over the number of components.
-fn plot(found: &[(Row, Outcome)]) -> Result<String, ExperimentError> {
+fn plot(found: &[(Row, Outcome)]) -> Result<(String, String), ExperimentError> {
     let mut lines = Vec::new();
     for degree in 1..=3 {
         let of: Vec<_> =
@@ -363,5 +359,5 @@ fn plot(found: &[(Row, Outcome)]) -> Result<String, ExperimentError> {
         lines.push(line(format!("{name}, training"), |outcome| outcome.training).dashed());
     }
     let axes = (&Axis::new("principal components"), &Axis::new("errors, %"));
-    Ok(chart("Errors on scikit-learn's digits", axes, &lines)?)
+    Ok(chart("errors.svg", "Errors on scikit-learn's digits", axes, &lines)?)
 }

@@ -1,16 +1,14 @@
 //! Runs of the agent itself, as `adagio run` makes them, without files.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
 use super::field::Point;
+use super::lab::Lab;
 use super::{Bench, ExperimentError};
 use crate::agent::{self, CurvePoint, Outcome, RunOptions, Status};
 use crate::evaluate::Evaluator;
 use crate::log::{LogOptions, NullStorage, Rotation, RunLog};
-use crate::scenario::Scenario;
 use crate::world::Simulated;
-use crate::world::World;
 
 /// What changes in a scenario so that a run is over in seconds: models soon, and small.
 pub const SMALL: [&str; 7] = [
@@ -24,12 +22,8 @@ pub const SMALL: [&str; 7] = [
 ];
 
 /// One run; its curve is made by an evaluator.
-pub fn drive(
-    scenario: &Arc<Scenario>,
-    world: &Arc<World>,
-    evaluator: &Evaluator,
-    bench: &Bench<'_>,
-) -> Result<Outcome, ExperimentError> {
+pub fn drive(lab: &Lab, evaluator: &Evaluator, bench: &Bench<'_>) -> Result<Outcome, ExperimentError> {
+    let Lab { scenario, world } = lab;
     let log = RunLog::create(NullStorage, &LogOptions::default(), Rotation::NEVER, &BTreeMap::new());
     let log = log.map_err(|error| ExperimentError::Run(error.to_string()))?;
     let status = Status::default();

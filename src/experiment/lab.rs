@@ -8,14 +8,14 @@ use nalgebra::Point2;
 use serde::Serialize;
 
 use super::{Bench, ExperimentError};
+use crate::evaluate::Evaluator;
 use crate::policy::{Recent, Reflexes, Walk};
 use crate::random::stream;
 use crate::robot::{Action, ActionSet, Pose, wrap};
 use crate::scenario::{ChangeKind, Renderer, Scenario, Task};
 use crate::slow::Link;
 use crate::slow::theory::{Axis, OptimalResponses, TheoryError, plane_motion};
-use crate::vision::Image;
-use crate::vision::{Observer, ZERO};
+use crate::vision::{Image, Observer, ZERO};
 use crate::world::{Robot, Sensor, World};
 
 /// The scenario of the lab, as it is in the repository.
@@ -53,6 +53,9 @@ pub const TRANSITIONS: usize = 11_656;
 const MOVES: usize = 5474;
 /// Frames after which a rendering asks whether it is to go on.
 const PATIENCE: usize = 500;
+
+/// The lab's task in the centre: its number and its name.
+pub const CENTRE: (usize, &str) = (0, "centre");
 
 /// The lab, and a seed.
 pub struct Lab {
@@ -137,9 +140,9 @@ impl Lab {
         Point2::from(self.task(task).goal.unwrap_or([f64::NAN; 2]))
     }
 
-    /// Number of a task.
-    pub fn task_number(&self, name: &str) -> Option<usize> {
-        self.scenario.tasks.iter().position(|task| task.name == name)
+    /// Some starts for each task, by the scenario's seed.
+    pub fn evaluator(&self, starts: usize) -> Evaluator {
+        Evaluator::new(self.scenario.clone(), self.world.clone(), starts, self.scenario.seed)
     }
 
     /// A random walk of some actions from the scenario's start.
@@ -216,6 +219,12 @@ impl Lab {
             Axis::free(low.y, high.y)?,
             Axis::cyclic(-std::f64::consts::PI, std::f64::consts::PI)?,
         ])
+    }
+
+    /// Height of the box around these places by its width.
+    pub fn aspect(&self) -> f64 {
+        let (low, high) = self.world.plan.reachable_box();
+        (high.y - low.y) / (high.x - low.x)
     }
 
     /// The `k` slowest optimal responses of the lab for the speeds of some steps, where derivatives of moves weigh `move_weight`
@@ -433,25 +442,13 @@ mod tests {
         let walked = Walked { odometry: poses.clone(), poses, actions, blocked };
         let found = walked.as_in_the_thesis(64);
         assert_eq!(found.iter().filter(|t| t.action == forward).count(), 64 * MOVES / TRANSITIONS);
+        let set = ActionSet::differential_drive(1.0, 1.0);
         let is_mirrored = |t: &Transition| {
-            let back = mirrored(t);
-            found.iter().any(|of| (of.from, of.to, of.action) == (back.from, back.to, back.action))
+            found.iter().any(|of| (of.from, of.to, Some(of.action)) == (t.to, t.from, set.inverse(t.action)))
         };
         assert!(found.iter().all(|t| !t.blocked && (t.action == forward || is_mirrored(t))));
         assert_eq!(found.len(), 64);
         assert_eq!(walked.spread(1000).len(), 100);
         assert_eq!(walked.spread(50).iter().filter(|t| t.blocked).count(), 10);
-    }
-
-    fn mirrored(t: &Transition) -> Transition {
-        let set = ActionSet::differential_drive(1.0, 1.0);
-        let action = set.inverse(t.action).unwrap();
-        Transition {
-            from: t.to,
-            to: t.from,
-            action,
-            blocked: false,
-            recent: Recent::default().then(action, false, &set),
-        }
     }
 }

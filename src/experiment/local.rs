@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use faer::{Mat, MatRef};
+use faer::Mat;
 
 use super::lab::{Lab, Transition, Walked};
 use super::trained::Trained;
@@ -26,22 +26,15 @@ pub struct Rule {
     pub bounded: bool,
 }
 
-/// Where actions were tried, and what each transition is worth for each task.
-pub struct Valued {
-    /// Where actions were tried.
-    pub instances: Arc<Instances>,
-    /// `N × 1` for each task.
-    pub worths: Vec<Mat<f64>>,
-}
-
-/// Values of all tasks of a world, with the scenario's neighbours and discount; `at` gives the points of frames, `p × n`.
-pub fn values(
+/// Values of all tasks of a world, with the scenario's neighbours and discount: where actions were tried, and what each transition is
+/// worth for each task, `N × 1`. `at` gives the points of frames, `p × n`.
+fn values(
     lab: &Lab,
     walked: &Walked,
     mut transitions: Vec<Transition>,
     rule: Rule,
     at: impl Fn(&[usize]) -> Result<Mat<f32>, ExperimentError>,
-) -> Result<Valued, ExperimentError> {
+) -> Result<(Arc<Instances>, Vec<Mat<f64>>), ExperimentError> {
     let settings = &lab.scenario.value;
     let reflexes = Reflexes::new(&lab.scenario);
     transitions.sort_by_key(|t| t.action.index());
@@ -61,8 +54,8 @@ pub fn values(
         let outcomes = LocalOutcomes { rewards: &rewards, allowed: &allowed, ended: &ended, bounded: &bounded };
         Ok(local.fit(&outcomes, settings.gamma)?.weights)
     };
-    let worths: Result<Vec<Mat<f64>>, ExperimentError> = (0..lab.scenario.tasks.len()).map(worth).collect();
-    Ok(Valued { worths: worths?, instances })
+    let worths = (0..lab.scenario.tasks.len()).map(worth).collect::<Result<_, ExperimentError>>()?;
+    Ok((instances, worths))
 }
 
 /// Local values in the metric of the slowest features of a walk.
@@ -77,13 +70,14 @@ pub fn of_features(
         let phi = trained.features_at(frames, bench)?;
         Ok(points(&trained.model, phi.as_ref(), features))
     };
-    let Valued { instances, worths } = values(trained.lab, &trained.walked, transitions, rule, at)?;
+    let (instances, worths) = values(trained.lab, &trained.walked, transitions, rule, at)?;
     Ok(Learned::local(1, 0, 0, trained.model.clone(), instances, worths, None)?)
 }
 
 /// Policies of the true pose, with our reflexes.
 pub struct PosePolicies {
-    valued: Valued,
+    instances: Arc<Instances>,
+    worths: Vec<Mat<f64>>,
     reflexes: Reflexes,
 }
 
@@ -94,27 +88,24 @@ pub fn of_pose(lab: &Lab, walked: &Walked, transitions: Vec<Transition>) -> Resu
         let points: Vec<[f32; 4]> = frames.iter().map(|&frame| point(&walked.poses[frame])).collect();
         Ok(Mat::from_fn(4, points.len(), |i, j| points[j][i]))
     };
-    let valued = values(lab, walked, transitions, rule, at)?;
-    Ok(PosePolicies { valued, reflexes: Reflexes::new(&lab.scenario) })
+    let (instances, worths) = values(lab, walked, transitions, rule, at)?;
+    Ok(PosePolicies { instances, worths, reflexes: Reflexes::new(&lab.scenario) })
 }
 
 impl PosePolicies {
     /// Ways from the starts of a task.
     pub fn trips(&self, evaluator: &Evaluator, task: usize) -> Vec<Trip> {
-        let worth: Vec<f64> = self.valued.worths[task].col(0).iter().copied().collect();
+        let worth: Vec<f64> = self.worths[task].col(0).iter().copied().collect();
         let choose = |situation: &Situation<'_>| {
             let point = point(situation.pose);
             let point = Mat::from_fn(4, 1, |i, _| point[i]);
-            self.reflexes.best(&values_at(&self.valued.instances, &worth, point.as_ref()), situation.recent).0
+            // A pose is finite, and so are the values then.
+            let told = self.instances.action_values(&[&worth], point.as_ref()).unwrap_or_default();
+            let values = told.first().map_or([0.0; 3], |q| [q[(0, 0)], q[(1, 0)], q[(2, 0)]]);
+            self.reflexes.best(&values, situation.recent).0
         };
         evaluator.trips(task, false, &choose)
     }
-}
-
-fn values_at(instances: &Instances, worth: &[f64], point: MatRef<'_, f32>) -> [f64; 3] {
-    // A pose is finite, and so are the values then.
-    let told = instances.action_values(&[worth], point).unwrap_or_default();
-    told.first().map_or([0.0; 3], |q| [q[(0, 0)], q[(1, 0)], q[(2, 0)]])
 }
 
 /// A pose as a point.

@@ -8,12 +8,11 @@ use serde::{Deserialize, Serialize};
 
 use super::ExperimentError;
 use super::lab::Lab;
+// Those of a test map (thesis §5.1.5).
+pub use crate::evaluate::{HEADINGS, angle};
 use crate::report::draw::{DrawError, data_url, escape, png_bytes};
 use crate::robot::Pose;
 use crate::scenario::{Task, plan_segments};
-
-/// Headings of a test map (thesis §5.1.5).
-pub const HEADINGS: usize = 8;
 
 /// Places of a test map: a grid over everything that the robot can reach, each place with all headings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -31,10 +30,10 @@ impl Grid {
         let at = |i: usize, n: usize, axis: usize| low[axis] + (high[axis] - low[axis]) * (i as f64 + 0.5) / n as f64;
         let mut poses = Vec::with_capacity(self.places() * HEADINGS);
         for heading in 0..HEADINGS {
-            let angle = std::f64::consts::TAU * heading as f64 / HEADINGS as f64;
             for row in 0..self.height {
                 for column in 0..self.width {
-                    poses.push(Pose::new(Point2::new(at(column, self.width, 0), at(row, self.height, 1)), angle));
+                    let place = Point2::new(at(column, self.width, 0), at(row, self.height, 1));
+                    poses.push(Pose::new(place, angle(heading)));
                 }
             }
         }
@@ -60,10 +59,15 @@ const MAP_WIDTH: f64 = 170.0;
 const GAP: f64 = 14.0;
 const HEAD: f64 = 16.0;
 
-/// Maps in lines, blue below zero, red above; all maps of a line have one scale.
+/// Maps in lines, blue below zero, red above; all maps of a line have one scale. The name of its file, and an SVG text.
 ///
 /// `aspect`: height of the room by its width. Each map is a grid of `grid`.
-pub fn sheet(title: &str, grid: Grid, aspect: f64, lines: &[Vec<Map>]) -> Result<String, ExperimentError> {
+pub fn sheet(
+    file: &str,
+    title: &str,
+    (grid, aspect): (Grid, f64),
+    lines: &[Vec<Map>],
+) -> Result<(String, String), ExperimentError> {
     let columns = lines.iter().map(Vec::len).max().unwrap_or(0);
     let (wide, high) = (MAP_WIDTH, MAP_WIDTH * aspect);
     let width = columns as f64 * (wide + GAP) + GAP;
@@ -90,7 +94,7 @@ pub fn sheet(title: &str, grid: Grid, aspect: f64, lines: &[Vec<Map>]) -> Result
             );
         }
     }
-    Ok(svg + "</svg>\n")
+    Ok((file.to_owned(), svg + "</svg>\n"))
 }
 
 /// A map as a PNG image, a pixel for each place; the y axis points up.
@@ -122,16 +126,16 @@ fn head(width: f64, height: f64, title: &str) -> String {
 }
 
 /// A way through the room, for [`room`].
-pub struct Way<'a> {
+pub struct Way {
     /// Its poses.
-    pub poses: &'a [Pose],
+    pub poses: Vec<Pose>,
     /// Steps, if it arrived.
     pub steps: Option<usize>,
 }
 
 /// Trajectories in a room seen from above, one room beside the other: triangles mark starts, numbers the steps of ways that
 /// arrived; ways that did not are grey.
-pub fn rooms(title: &str, lab: &Lab, rooms: &[(&Task, String, Vec<Way<'_>>)]) -> String {
+pub fn rooms(title: &str, lab: &Lab, rooms: &[(&Task, String, Vec<Way>)]) -> String {
     let (low, high) = lab.world.plan.walls_box();
     let scale = 560.0 / (high.x - low.x);
     let (wide, tall) = (560.0, (high.y - low.y) * scale);
@@ -162,15 +166,9 @@ pub fn rooms(title: &str, lab: &Lab, rooms: &[(&Task, String, Vec<Way<'_>>)]) ->
     svg + "</svg>\n"
 }
 
-fn draw_way(svg: &mut String, way: &Way<'_>, place: impl Fn(Point2<f64>) -> (f64, f64)) {
-    let points: Vec<String> = way
-        .poses
-        .iter()
-        .map(|pose| {
-            let (x, y) = place(pose.position);
-            format!("{x:.1},{y:.1}")
-        })
-        .collect();
+fn draw_way(svg: &mut String, way: &Way, place: impl Fn(Point2<f64>) -> (f64, f64)) {
+    let point = |(x, y): (f64, f64)| format!("{x:.1},{y:.1}");
+    let points: Vec<String> = way.poses.iter().map(|pose| point(place(pose.position))).collect();
     let stroke = if way.steps.is_some() { "#0072b2" } else { "#8a8a8a" };
     let _ = writeln!(
         svg,
@@ -181,7 +179,7 @@ fn draw_way(svg: &mut String, way: &Way<'_>, place: impl Fn(Point2<f64>) -> (f64
     let (x, y) = place(start.position);
     let tip = |angle: f64, length: f64| {
         let heading = start.heading + angle;
-        format!("{:.1},{:.1}", x + length * heading.cos(), y - length * heading.sin())
+        point((x + length * heading.cos(), y - length * heading.sin()))
     };
     let triangle = [tip(0.0, 9.0), tip(2.5, 7.0), tip(-2.5, 7.0)].join(" ");
     let _ = writeln!(svg, "<polygon points=\"{triangle}\" fill=\"{stroke}\"/>");
@@ -200,7 +198,7 @@ mod tests {
     #[test]
     fn a_sheet_has_a_pixel_for_each_value_in_its_colour() {
         let map = Map { name: "φ < 1".into(), values: vec![Some(-2.0), Some(1.0), None, Some(0.0)] };
-        let svg = sheet("Title", Grid { width: 2, height: 2 }, 0.6, &[vec![map]]).unwrap();
+        let (_, svg) = sheet("a.svg", "Title", (Grid { width: 2, height: 2 }, 0.6), &[vec![map]]).unwrap();
         let document = roxmltree::Document::parse(&svg).unwrap();
         let image = document.descendants().find(|node| node.has_tag_name("image")).unwrap();
         let encoded = image.attribute("href").unwrap().strip_prefix("data:image/png;base64,").unwrap();

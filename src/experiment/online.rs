@@ -5,7 +5,6 @@
 //! the stream explores and pursues goals; Stream-Q(λ) acts on its own values, once for each goal.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
 use faer::{Mat, Par};
 use serde::Serialize;
@@ -17,7 +16,6 @@ use super::plot::{Line, chart};
 use super::quality::Quality;
 use super::trained::{Training, train, with_one};
 use super::{Band, Bench, Cell, Experiment, ExperimentError, Once, Results, Sizes, Table};
-use crate::evaluate::Evaluator;
 use crate::report::draw::Axis;
 use crate::slow::SlowModel;
 
@@ -60,30 +58,21 @@ enum Method {
 }
 
 impl Method {
-    const ALL: [Method; 9] = [
-        Method::Stream,
-        Method::Batch,
-        Method::Incremental,
-        Method::QOnPixels,
-        Method::QOnSlowFeatures,
-        Method::TruePose,
-        Method::Random,
-        Method::Reference,
-        Method::Optimal,
+    /// All of them in the order of their declaration, with their names.
+    const ALL: [(Method, &str); 9] = [
+        (Method::Stream, "our stream"),
+        (Method::Batch, "the thesis's batch pipeline"),
+        (Method::Incremental, "IncSFA on pixels, our LSPI"),
+        (Method::QOnPixels, "Stream-Q(λ) on pixels"),
+        (Method::QOnSlowFeatures, "Stream-Q(λ) on slow features"),
+        (Method::TruePose, "true pose, our LSPI"),
+        (Method::Random, "random actions"),
+        (Method::Reference, "reference policy"),
+        (Method::Optimal, "optimum"),
     ];
 
     fn name(self) -> &'static str {
-        match self {
-            Method::Stream => "our stream",
-            Method::Batch => "the thesis's batch pipeline",
-            Method::Incremental => "IncSFA on pixels, our LSPI",
-            Method::QOnPixels => "Stream-Q(λ) on pixels",
-            Method::QOnSlowFeatures => "Stream-Q(λ) on slow features",
-            Method::TruePose => "true pose, our LSPI",
-            Method::Random => "random actions",
-            Method::Reference => "reference policy",
-            Method::Optimal => "optimum",
-        }
+        Self::ALL[self as usize].1
     }
 }
 
@@ -98,30 +87,14 @@ struct Settings {
 
 /// Our agent: one run, tried with each of its models.
 fn our_stream(settings: &Settings, seed: u64, bench: &Bench<'_>) -> Result<Vec<Point>, ExperimentError> {
-    let most = settings.actions.iter().copied().max().unwrap_or(1);
-    let scenario = stream_scenario(seed, most, settings)?;
-    let world = Arc::new(crate::world::World::new(&scenario)?);
-    let evaluator = Evaluator::new(scenario.clone(), world.clone(), settings.starts, seed);
-    Ok(curve(drive(&scenario, &world, &evaluator, bench)?.curve))
-}
-
-/// The lab as the agent drives in it, for so many actions.
-fn stream_scenario(
-    seed: u64,
-    actions: usize,
-    settings: &Settings,
-) -> Result<Arc<crate::scenario::Scenario>, ExperimentError> {
-    let mut sets = vec![
-        format!("actions={actions}"),
-        "camera.detail=vision".into(),
-        "robot.frames_per_action=5".into(),
-        format!("evaluate.starts={}", settings.starts),
-    ];
+    let actions = settings.actions.iter().copied().max().unwrap_or(1);
+    let (length, starts) = (format!("actions={actions}"), format!("evaluate.starts={}", settings.starts));
+    let mut sets = vec![length.as_str(), "robot.frames_per_action=5", &starts];
     if actions < 1000 {
-        sets.extend(SMALL.map(str::to_owned));
+        sets.extend(SMALL);
     }
-    let sets: Vec<&str> = sets.iter().map(String::as_str).collect();
-    Ok(Lab::new(seed, &sets)?.scenario)
+    let lab = Lab::new(seed, &sets)?;
+    Ok(curve(drive(&lab, &lab.evaluator(settings.starts), bench)?.curve))
 }
 
 /// By method, the points of each seed.
@@ -137,16 +110,16 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     for &seed in scope.seeds.iter() {
         let lab = Lab::new(seed, &[])?;
         let shared = Once::default();
-        for method in Method::ALL {
+        for (method, name) in Method::ALL {
             let data = Data::new(&lab, most);
             let settings = Settings { data, method, actions: actions.to_vec(), features, starts };
-            let points = bench.result(&format!("{}, seed {seed}", method.name()), &settings, || {
+            let points = bench.result(&format!("{name}, seed {seed}"), &settings, || {
                 if method == Method::Stream {
                     return our_stream(&settings, seed, bench);
                 }
                 let field: &Field<'_> = shared.get(|| Field::new(&lab, most, starts, bench))?;
                 match method {
-                    Method::Stream => our_stream(&settings, seed, bench),
+                    Method::Stream => unreachable!("it needs no field"),
                     Method::Batch => {
                         let of = |&count: &usize| {
                             let (qualities, _) = field.batch(count, features, most_vectors(count))?;
@@ -225,18 +198,18 @@ fn over_seeds(seeds: &[Vec<Point>], of: impl Fn(&Point) -> f64) -> Vec<(usize, u
 }
 
 fn table(found: &Found) -> Table {
-    let mut table = Table::new("Policies by what was seen", &["method", "actions", "frames", "success", "quality"]);
+    let mut table = Table::new("Policies by what was seen");
     for (&method, seeds) in found {
         let (success, quality) = (over_seeds(seeds, |point| point.success), over_seeds(seeds, |point| point.quality));
         for ((actions, frames, success), (_, _, quality)) in success.into_iter().zip(quality) {
             let seen = |count: usize| if count > 1 { Cell::count(count) } else { Cell::Empty };
             table.push(
-                vec![
-                    Cell::text(method.name()),
-                    seen(actions),
-                    seen(frames),
-                    Cell::band(success, 3),
-                    Cell::band(quality, 3),
+                [
+                    ("method", Cell::text(method.name())),
+                    ("actions", seen(actions)),
+                    ("frames", seen(frames)),
+                    ("success", Cell::band(success, 3)),
+                    ("quality", Cell::band(quality, 3)),
                 ],
                 if method == Method::Batch { "no number for so few frames" } else { "not in the thesis" },
             );
@@ -259,18 +232,9 @@ fn plots(found: &Found, most: usize) -> Result<Vec<(String, String)>, Experiment
     };
     let x = Axis::new("actions");
     let y = |name: &str| Axis::new(name).within(0.0, 1.0);
+    let (success, quality) = (y("share of starts that arrive"), y("quality C against the optimum"));
     Ok(vec![
-        (
-            "success.svg".into(),
-            chart("Success by actions seen", (&x, &y("share of starts that arrive")), &lines(|p| p.success))?,
-        ),
-        (
-            "quality.svg".into(),
-            chart(
-                "Convergence quality by actions seen",
-                (&x, &y("quality C against the optimum")),
-                &lines(|p| p.quality),
-            )?,
-        ),
+        chart("success.svg", "Success by actions seen", (&x, &success), &lines(|p| p.success))?,
+        chart("quality.svg", "Convergence quality by actions seen", (&x, &quality), &lines(|p| p.quality))?,
     ])
 }

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::lab::Lab;
 use super::maps::{Grid, HEADINGS, Map, sheet};
+use super::pipeline::slowness_of;
 use super::place_cells::{self, Cells, MOTIONS, Motion, Outcome, PLACES, run_of, views};
 use super::{Band, Bench, Cell, Experiment, ExperimentError, Results, Sizes, Table};
 use crate::random::stream;
@@ -95,6 +96,7 @@ fn compute(lab: &Lab, settings: &Settings, bench: &Bench<'_>) -> Result<Vec<Lear
     // Another run, which nothing was learned from.
     let other = run_of(&lab.world, settings.motion, held_out, seed + 1);
     let other = network.apply(wide(&views(lab, &other, bench)?).as_ref())?;
+    let links = Link::regular(held_out, 1.0)?;
     let maps = network.apply(wide(&views(lab, &settings.places.poses(lab), bench)?).as_ref())?;
     let of = |((shape, other), maps): ((Shape, &Mat<f64>), &Mat<f64>)| {
         let mut cells = Cells::of(maps, settings.places.places());
@@ -103,22 +105,15 @@ fn compute(lab: &Lab, settings: &Settings, bench: &Bench<'_>) -> Result<Vec<Lear
         let kept = middle * shape.channels..(middle + 1) * shape.channels;
         cells.maps = cells.maps[kept.clone()].to_vec();
         cells.tuning = cells.tuning[kept].to_vec();
-        Learned { nodes: shape.width * shape.height, slowness: slowness(other), cells }
+        Learned { nodes: shape.width * shape.height, slowness: slowness(other, &links), cells }
     };
     Ok(network.shapes().into_iter().zip(&other).zip(&maps).map(of).collect())
 }
 
 /// Mean slowness of the rows that vary, each at unit variance.
-fn slowness(features: &Mat<f64>) -> f64 {
-    let n = features.ncols() as f64;
-    let of = |i: usize| {
-        let row: Vec<f64> = features.row(i).iter().copied().collect();
-        let mean = row.iter().sum::<f64>() / n;
-        let variance = row.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / n;
-        let power = row.windows(2).map(|pair| (pair[1] - pair[0]).powi(2)).sum::<f64>() / (n - 1.0);
-        (variance > 0.0).then(|| power / variance)
-    };
-    let found: Vec<f64> = (0..features.nrows()).filter_map(of).collect();
+fn slowness(features: &Mat<f64>, links: &[Option<Link>]) -> f64 {
+    let found = slowness_of(features.as_ref(), links).into_iter().filter(|slowness| slowness.is_finite());
+    let found: Vec<f64> = found.collect();
     found.iter().sum::<f64>() / found.len().max(1) as f64
 }
 
@@ -166,24 +161,21 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
 }
 
 fn table(found: &[Vec<Vec<Learned>>; MOTIONS.len()], batch: &[Vec<Outcome>; 2]) -> Table {
-    let columns = [
-        "motion",
-        "what",
-        "nodes",
-        "slowness, 1/frame²",
-        "variance by place",
-        "variance by heading",
-        "field",
-        "sector",
-    ];
-    let mut table = Table::new("What layers know, and slow features of the whole picture", &columns);
+    let mut table = Table::new("What layers know, and slow features of the whole picture");
     for (number, (name, _)) in MOTIONS.into_iter().enumerate() {
         let mut push = |what: String, nodes: Cell, slowness: Cell, of: Vec<&Cells>, says: &str| {
             let band = |value: fn(&Cells) -> f64| Cell::band(Band::of(of.iter().map(|cells| value(cells))), 2);
-            let shares = [band(|cells| cells.by_place), band(|cells| cells.by_heading)];
-            let sizes = [band(|cells| cells.field), band(|cells| cells.sector)];
-            let row = [Cell::text(name), Cell::text(&what), nodes, slowness].into_iter().chain(shares).chain(sizes);
-            table.push(row.collect(), says);
+            let row = [
+                ("motion", Cell::text(name)),
+                ("what", Cell::text(what)),
+                ("nodes", nodes),
+                ("slowness, 1/frame²", slowness),
+                ("variance by place", band(|cells| cells.by_place)),
+                ("variance by heading", band(|cells| cells.by_heading)),
+                ("field", band(|cells| cells.field)),
+                ("sector", band(|cells| cells.sector)),
+            ];
+            table.push(row, says);
         };
         for layer in 0..LAYERS.len() {
             let of: Vec<&Learned> = found[number].iter().map(|layers| &layers[layer]).collect();
@@ -204,36 +196,29 @@ fn table(found: &[Vec<Vec<Learned>>; MOTIONS.len()], batch: &[Vec<Outcome>; 2]) 
         let kept = |outcome: &Outcome| outcome.features.maps.len();
         let slow = |outcome: &Outcome| outcome.slowness.iter().take(kept(outcome)).sum::<f64>() / kept(outcome) as f64;
         let slow = Cell::band(Band::of(batch[number].iter().map(slow)), 4);
-        push(
-            "kernel slow features".into(),
-            Cell::text(""),
-            slow,
-            cells(|outcome| &outcome.features),
-            "see place-cells",
-        );
-        let none = || Cell::text("");
-        push("their components".into(), none(), none(), cells(|outcome| &outcome.cells), "see place-cells");
+        let (features, components) = (cells(|outcome| &outcome.features), cells(|outcome| &outcome.cells));
+        push("kernel slow features".into(), Cell::text(""), slow, features, "see place-cells");
+        push("their components".into(), Cell::text(""), Cell::text(""), components, "see place-cells");
     }
     table
 }
 
 /// Layers whose steps along the gradient do not get shorter.
 fn constant(found: &[Vec<Vec<Learned>>; MOTIONS.len()]) -> Table {
-    let columns = ["motion", "layer", "slowness, 1/frame²", "variance by place", "variance by heading"];
-    let mut table = Table::new("The layers, where the learning rate does not fall", &columns);
+    let mut table = Table::new("The layers, where the learning rate does not fall");
     for ((name, _), seeds) in MOTIONS.into_iter().zip(found) {
         for layer in 0..LAYERS.len() {
             let band = |of: fn(&Learned) -> f64, digits| {
                 Cell::band(Band::of(seeds.iter().map(|layers| of(&layers[layer]))), digits)
             };
-            let cells = vec![
-                Cell::text(name),
-                Cell::count(layer + 1),
-                band(|learned| learned.slowness, 4),
-                band(|learned| learned.cells.by_place, 2),
-                band(|learned| learned.cells.by_heading, 2),
+            let row = [
+                ("motion", Cell::text(name)),
+                ("layer", Cell::count(layer + 1)),
+                ("slowness, 1/frame²", band(|learned| learned.slowness, 4)),
+                ("variance by place", band(|learned| learned.cells.by_place, 2)),
+                ("variance by heading", band(|learned| learned.cells.by_heading, 2)),
             ];
-            table.push(cells, "not in the thesis");
+            table.push(row, "not in the thesis");
         }
     }
     table
@@ -242,12 +227,10 @@ fn constant(found: &[Vec<Vec<Learned>>; MOTIONS.len()]) -> Table {
 /// Units of all layers over the room, where the rat moves slowly.
 fn plots(found: &[Vec<Learned>], lab: &Lab, grid: Grid) -> Result<Vec<(String, String)>, ExperimentError> {
     let Some(layers) = found.first() else { return Ok(Vec::new()) };
-    let (low, high) = lab.world.plan.reachable_box();
-    let aspect = (high.y - low.y) / (high.x - low.x);
     let examples = layers.iter().enumerate().map(|(layer, learned)| {
         let all = learned.cells.lines(&format!("layer {}, unit", layer + 1)).into_iter().flatten();
         all.take(if layer + 1 == LAYERS.len() { usize::MAX } else { EXAMPLES }).collect::<Vec<Map>>()
     });
     let title = format!("{}: what layers know of the place; means over headings", MOTIONS[0].0);
-    Ok(vec![("places.svg".to_owned(), sheet(&title, grid, aspect, &examples.collect::<Vec<_>>())?)])
+    Ok(vec![sheet("places.svg", &title, (grid, lab.aspect()), &examples.collect::<Vec<_>>())?])
 }

@@ -6,6 +6,7 @@
 
 use faer::{MatRef, Par};
 
+use super::spans::variance;
 use super::{Bench, ExperimentError};
 use crate::dictionary::Dictionary;
 use crate::kernel::{Kernel, Scalar, median_distance};
@@ -174,20 +175,17 @@ fn solved(moments: &Moments, k: usize, par: Par) -> Result<SlowFeatures, Experim
 
 /// Slowness of signals, `k × n`, on a video: mean square of their derivatives over their variance, each.
 pub fn slowness_of(signals: MatRef<'_, f64>, links: &[Option<Link>]) -> Vec<f64> {
-    let n = signals.ncols();
     (0..signals.nrows())
         .map(|i| {
-            let row = signals.row(i);
-            let mean = row.iter().sum::<f64>() / n as f64;
-            let variance = row.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / n as f64;
+            let row: Vec<f64> = signals.row(i).iter().copied().collect();
             let (mut sum, mut weight) = (0.0, 0.0);
-            for t in 1..n {
+            for t in 1..row.len() {
                 if let Some(link) = links[t] {
                     sum += link.weight * ((row[t] - row[t - 1]) / link.dt).powi(2);
                     weight += link.weight;
                 }
             }
-            sum / weight.max(f64::MIN_POSITIVE) / variance
+            sum / weight.max(f64::MIN_POSITIVE) / variance(&row)
         })
         .collect()
 }

@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 use super::lab::Lab;
 use super::maps::{Grid, HEADINGS, Map, sheet};
 use super::plot::{Line, chart};
+use super::spans::{mean, variance};
 use super::{Band, Bench, Cell, Experiment, ExperimentError, Results, Sizes, Table};
 use crate::dictionary::{Ald, Parameters, WhenFull, width_for_size};
 use crate::kernel::Kernel;
@@ -145,30 +146,17 @@ impl Cells {
 
     /// Lines of maps for a sheet.
     pub(super) fn lines(&self, what: &str) -> Vec<Vec<Map>> {
-        let map = |(i, (values, tuning)): (usize, (&Vec<i16>, &Vec<f64>))| {
+        let map = |&i: &usize| {
+            let tuning = &self.tuning[i];
             let best = (0..HEADINGS).max_by(|&a, &b| tuning[a].total_cmp(&tuning[b])).unwrap_or(0);
             Map {
                 name: format!("{what} {}, most at {}°", i + 1, 360 * best / HEADINGS),
-                values: values.iter().map(|&value| Some(f64::from(value) * STEP)).collect(),
+                values: self.maps[i].iter().map(|&value| Some(f64::from(value) * STEP)).collect(),
             }
         };
-        let mut maps = self.maps.iter().zip(&self.tuning).enumerate().map(map).collect::<Vec<_>>().into_iter();
-        let mut lines = Vec::new();
-        while maps.len() > 0 {
-            lines.push(maps.by_ref().take(LINE).collect());
-        }
-        lines
+        let all: Vec<usize> = (0..self.maps.len()).collect();
+        all.chunks(LINE).map(|line| line.iter().map(map).collect()).collect()
     }
-}
-
-fn mean(values: impl ExactSizeIterator<Item = f64>) -> f64 {
-    let n = values.len() as f64;
-    values.sum::<f64>() / n
-}
-
-fn variance(values: &[f64]) -> f64 {
-    let centre = mean(values.iter().copied());
-    mean(values.iter().map(|value| (value - centre).powi(2)))
 }
 
 /// Share of values above half of the largest.
@@ -315,8 +303,7 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
 }
 
 fn table(found: &[Vec<Outcome>; 2]) -> Table {
-    let columns = ["motion", "what", "variance by place", "variance by heading", "field", "sector"];
-    let mut table = Table::new("Slow features and their independent components", &columns);
+    let mut table = Table::new("Slow features and their independent components");
     for (number, (outcomes, (name, _))) in found.iter().zip(MOTIONS).enumerate() {
         for (what, of) in [
             ("slow features", (|outcome| &outcome.features) as fn(&Outcome) -> &Cells),
@@ -334,51 +321,46 @@ fn table(found: &[Vec<Outcome>; 2]) -> Table {
                 (_, _) if is(heading, place) => "agrees: they know the heading",
                 (_, _) => "differs: they know the place",
             };
-            table.push(
-                vec![
-                    Cell::text(name),
-                    Cell::text(what),
-                    Cell::band(place, 2),
-                    Cell::band(heading, 2),
-                    Cell::band(field, 2),
-                    Cell::band(band(|cells| cells.sector), 2),
-                ],
-                says,
-            );
+            let row = [
+                ("motion", Cell::text(name)),
+                ("what", Cell::text(what)),
+                ("variance by place", Cell::band(place, 2)),
+                ("variance by heading", Cell::band(heading, 2)),
+                ("field", Cell::band(field, 2)),
+                ("sector", Cell::band(band(|cells| cells.sector), 2)),
+            ];
+            table.push(row, says);
         }
     }
     table
 }
 
 fn slowness(found: &[Vec<Outcome>; 2]) -> Table {
-    let columns = ["motion", "feature", "slowness, 1/frame²", "slowness in theory, 1/frame²"];
-    let mut table = Table::new("Slowness of the first features", &columns);
+    let mut table = Table::new("Slowness of the first features");
     for (outcomes, (name, _)) in found.iter().zip(MOTIONS) {
         for i in 0..6 {
             let of = |list: fn(&Outcome) -> &Vec<f64>| {
                 Band::of(outcomes.iter().filter_map(|outcome| list(outcome).get(i).copied()))
             };
-            let cells = vec![
-                Cell::text(name),
-                Cell::count(i + 1),
-                Cell::band(of(|outcome| &outcome.slowness), 4),
-                Cell::band(of(|outcome| &outcome.theory), 4),
+            let row = [
+                ("motion", Cell::text(name)),
+                ("feature", Cell::count(i + 1)),
+                ("slowness, 1/frame²", Cell::band(of(|outcome| &outcome.slowness), 4)),
+                ("slowness in theory, 1/frame²", Cell::band(of(|outcome| &outcome.theory), 4)),
             ];
-            table.push(cells, "no number in its text");
+            table.push(row, "no number in its text");
         }
     }
     table
 }
 
 fn plots(found: &[Vec<Outcome>; 2], lab: &Lab, grid: Grid) -> Result<Vec<(String, String)>, ExperimentError> {
-    let (low, high) = lab.world.plan.reachable_box();
-    let aspect = (high.y - low.y) / (high.x - low.x);
     let names = ["places.svg", "headings.svg"];
     let sheet_of = |(number, outcome): (usize, &Outcome)| {
         let mut all = outcome.features.lines("feature");
         all.extend(outcome.cells.lines("cell"));
         let title = format!("{}: slow features above, components below; means over headings", MOTIONS[number].0);
-        Ok((names[number].to_owned(), sheet(&title, grid, aspect, &all)?))
+        sheet(names[number], &title, (grid, lab.aspect()), &all)
     };
     let firsts = found.iter().enumerate().filter_map(|(number, outcomes)| Some((number, outcomes.first()?)));
     let mut plots: Vec<(String, String)> = firsts.map(sheet_of).collect::<Result<_, ExperimentError>>()?;
@@ -391,9 +373,8 @@ fn plots(found: &[Vec<Outcome>; 2], lab: &Lab, grid: Grid) -> Result<Vec<(String
         };
         let lines: Vec<Line> = outcome.cells.tuning.iter().take(LINE).enumerate().map(line).collect();
         let title = format!("{}: components by heading, means over places", MOTIONS[1].0);
-        let chart =
-            chart(&title, (&draw::Axis::new("heading, °").within(0.0, 360.0), &draw::Axis::new("activity")), &lines)?;
-        plots.push(("tuning.svg".to_owned(), chart));
+        let (x, y) = (draw::Axis::new("heading, °").within(0.0, 360.0), draw::Axis::new("activity"));
+        plots.push(chart("tuning.svg", &title, (&x, &y), &lines)?);
     }
     Ok(plots)
 }

@@ -54,10 +54,10 @@ impl Line {
     }
 }
 
-/// A chart of lines with a legend above it, as an SVG text.
-pub fn chart(title: &str, (x, y): (&Axis, &Axis), lines: &[Line]) -> Result<String, DrawError> {
+/// A chart of lines with a legend above it: the name of its file, and an SVG text.
+pub fn chart(file: &str, title: &str, (x, y): (&Axis, &Axis), lines: &[Line]) -> Result<(String, String), DrawError> {
     let lines = lines.iter().map(Line::drawn).collect();
-    Chart { height: HEIGHT, ..Chart::new(title, x.clone(), y.clone(), lines) }.svg()
+    Ok((file.to_owned(), Chart { height: HEIGHT, ..Chart::new(title, x.clone(), y.clone(), lines) }.svg()?))
 }
 
 #[cfg(test)]
@@ -68,7 +68,7 @@ mod tests {
     fn a_chart_has_its_lines_bands_and_names() {
         let bands = [(1.0, Band::of([1.0, 2.0])), (2.0, Band::of([3.0, 5.0])), (3.0, None)];
         let lines = [Line::new("a < b", 0, bands), Line::level("optimum", 6, (1.0, 3.0), 4.0)];
-        let svg = chart("Title", (&Axis::new("x"), &Axis::new("y")), &lines).unwrap();
+        let (_, svg) = chart("a.svg", "Title", (&Axis::new("x"), &Axis::new("y")), &lines).unwrap();
         let document = roxmltree::Document::parse(&svg).unwrap();
         let texts: Vec<String> =
             document.descendants().filter_map(|node| node.text()).map(|t| t.trim().to_owned()).collect();

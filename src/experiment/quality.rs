@@ -28,7 +28,8 @@ pub struct Quality {
 
 /// Random starts in a lab, for each of its tasks, and how far the reference policy gets from them.
 pub struct Trials<'a> {
-    lab: &'a Lab,
+    /// The lab.
+    pub lab: &'a Lab,
     /// What drives from the starts.
     pub evaluator: Evaluator,
     /// Trips of the reference policy, by task.
@@ -43,7 +44,7 @@ impl<'a> Trials<'a> {
 
     /// The same with another reference policy: what it does at a pose for a goal.
     pub fn against(lab: &'a Lab, starts: usize, policy: impl Fn(&Pose, Point2<f64>) -> Action + Sync) -> Self {
-        let evaluator = Evaluator::new(lab.scenario.clone(), lab.world.clone(), starts, lab.scenario.seed);
+        let evaluator = lab.evaluator(starts);
         let of_task = |task: usize| {
             let goal = lab.goal(task);
             evaluator.trips(task, false, &|situation| policy(situation.pose, goal))
@@ -96,7 +97,6 @@ impl Quality {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::robot::Pose;
 
     fn trip(steps: usize, arrived: bool, optimal: usize) -> Trip {
         Trip {

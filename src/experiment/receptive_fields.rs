@@ -232,8 +232,6 @@ struct Grating {
     part: (f64, f64),
 }
 
-/// What stands for the best grating if there are none.
-const WHOLE: Grating = Grating { orientation: 0.0, cycles: 1.0, advance: 0.0, part: (1.0, 1.0) };
 /// Parts of the window that gratings are tried in.
 const PARTS: [(f64, f64); 4] = [(1.0, 1.0), (0.5, 1.0), (1.0, 0.5), (0.5, 0.5)];
 
@@ -312,9 +310,7 @@ fn unit(
         |form: &QuadraticForm| Ok::<_, ExperimentError>(form.at(&form.largest_at(stage.radius)?) - form.at(&nothing));
     let peak = |form: &QuadraticForm| {
         let responses = gratings.iter().map(|(grating, seen)| (response(form, seen), *grating));
-        responses
-            .max_by(|a, b| a.0.mean.total_cmp(&b.0.mean))
-            .unwrap_or((Response { mean: 0.0, harmonics: [0.0; 2] }, WHOLE))
+        responses.max_by(|a, b| a.0.mean.total_cmp(&b.0.mean)).expect("gratings are tried")
     };
     let (first, second) = if most(form)? >= most(&negative)? { (form, &negative) } else { (&negative, form) };
     let (form, (best, grating)) = match peak(first) {
@@ -429,13 +425,12 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
             ),
             "The thesis reports this work of others without numbers.".into(),
         ],
-        plots: vec![("stimuli.svg".into(), gallery(&found[0][0], amounts.window)?)],
+        plots: vec![gallery(&found[0][0], amounts.window)?],
     })
 }
 
 fn properties(found: &[Vec<Outcome>; 2]) -> Table {
-    let columns = ["property".to_owned(), format!("share, {}", KEPT[0].0), format!("share, {}", KEPT[1].0)];
-    let mut table = Table::new("Units with a property", &columns.each_ref().map(String::as_str));
+    let mut table = Table::new("Units with a property");
     let phase_free = |unit: &Unit| unit.harmonics[0] < 1.0 && unit.harmonics[1] < 1.0;
     let oriented = |unit: &Unit| unit.half_width_deg < 45.0;
     type Has<'a> = &'a dyn Fn(&Unit) -> bool;
@@ -467,43 +462,34 @@ fn properties(found: &[Vec<Outcome>; 2]) -> Table {
             _ if most => "agrees: most are like Gabor filters",
             _ => "differs: most are not oriented",
         };
-        table.push(vec![Cell::text(name), Cell::band(bands[0], 2), Cell::band(bands[1], 2)], says);
+        let shares = [0, 1].map(|of| (format!("share, {}", KEPT[of].0), Cell::band(bands[of], 2)));
+        table.push([("property".into(), Cell::text(name))].into_iter().chain(shares), says);
     }
     table
 }
 
 fn first_units(outcome: &Outcome) -> Table {
-    let columns = [
-        "unit",
-        "slowness, 1/frame²",
-        "orientation, °",
-        "cycles",
-        "first harmonic",
-        "second harmonic",
-        "half width, °",
-        "direction",
-        "at the ends",
-        "at the sides",
-    ];
-    let mut table = Table::new("The slowest units of the first seed, speeds that change", &columns);
+    let mut table = Table::new("The slowest units of the first seed, speeds that change");
     for (number, unit) in outcome.units.iter().take(GALLERY).enumerate() {
-        let shares = [unit.harmonics[0], unit.harmonics[1], unit.half_width_deg, unit.direction, unit.end, unit.side];
-        let mut cells = vec![
-            Cell::count(number + 1),
-            Cell::Number(unit.slowness, 4),
-            Cell::Number(unit.orientation_deg, 0),
-            Cell::Number(unit.cycles, 1),
+        let row = [
+            ("unit", Cell::count(number + 1)),
+            ("slowness, 1/frame²", Cell::Number(unit.slowness, 4)),
+            ("orientation, °", Cell::Number(unit.orientation_deg, 0)),
+            ("cycles", Cell::Number(unit.cycles, 1)),
+            ("first harmonic", Cell::Number(unit.harmonics[0], 2)),
+            ("second harmonic", Cell::Number(unit.harmonics[1], 2)),
+            ("half width, °", Cell::Number(unit.half_width_deg, 0)),
+            ("direction", Cell::Number(unit.direction, 2)),
+            ("at the ends", Cell::Number(unit.end, 2)),
+            ("at the sides", Cell::Number(unit.side, 2)),
         ];
-        cells.extend(
-            shares.iter().enumerate().map(|(column, &share)| Cell::Number(share, if column == 2 { 0 } else { 2 })),
-        );
-        table.push(cells, "no number in its text");
+        table.push(row, "no number in its text");
     }
     table
 }
 
 /// Best stimuli, both pictures, and worst ones.
-fn gallery(outcome: &Outcome, side: usize) -> Result<String, ExperimentError> {
+fn gallery(outcome: &Outcome, side: usize) -> Result<(String, String), ExperimentError> {
     let pixels = side * side;
     let mut lines = Vec::new();
     for (start, part) in outcome.stimuli.chunks(LINE).enumerate().map(|(line, part)| (line * LINE, part)) {
@@ -520,7 +506,8 @@ fn gallery(outcome: &Outcome, side: usize) -> Result<String, ExperimentError> {
             lines.push(part.iter().enumerate().map(map).collect());
         }
     }
-    sheet("Best and worst stimuli of the slowest units", Grid { width: side, height: side }, 1.0, &lines)
+    let grid = (Grid { width: side, height: side }, 1.0);
+    sheet("stimuli.svg", "Best and worst stimuli of the slowest units", grid, &lines)
 }
 
 #[cfg(test)]

@@ -260,19 +260,7 @@ fn phi([x, y, heading]: [usize; 3]) -> String {
 const LIKE: f64 = 0.8;
 
 fn single(outcome: &Outcome, seed: u64) -> Table {
-    let columns = [
-        "feature",
-        "slowness, 1/s²",
-        "by place alone",
-        "most like",
-        "correlation",
-        "mixture of two",
-        "explained",
-        "a² + b²",
-        "explained by 30",
-        "thesis: simulator",
-    ];
-    let mut table = Table::new(format!("The first features as optimal responses, seed {seed}"), &columns);
+    let mut table = Table::new(format!("The first features as optimal responses, seed {seed}"));
     for (i, found) in outcome.single.iter().enumerate() {
         let ([one, other], [a, b], share) = found.pair;
         let thesis = match i {
@@ -281,21 +269,19 @@ fn single(outcome: &Outcome, seed: u64) -> Table {
             2 => "b φ(2 0 0) − a φ(0 0 1)",
             _ => "like no single one",
         };
-        table.push(
-            vec![
-                Cell::count(i + 1),
-                Cell::Number(found.slowness, 4),
-                Cell::Number(found.by_place, 2),
-                Cell::text(phi(found.best.0)),
-                Cell::Number(found.best.1, 3),
-                Cell::text(format!("{a:+.2} {} {b:+.2} {}", phi(one), phi(other))),
-                Cell::Number(share, 3),
-                Cell::Number(a * a + b * b, 2),
-                Cell::Number(found.explained, 3),
-                Cell::text(thesis),
-            ],
-            says_of_single(i, found),
-        );
+        let row = [
+            ("feature", Cell::count(i + 1)),
+            ("slowness, 1/s²", Cell::Number(found.slowness, 4)),
+            ("by place alone", Cell::Number(found.by_place, 2)),
+            ("most like", Cell::text(phi(found.best.0))),
+            ("correlation", Cell::Number(found.best.1, 3)),
+            ("mixture of two", Cell::text(format!("{a:+.2} {} {b:+.2} {}", phi(one), phi(other)))),
+            ("explained", Cell::Number(share, 3)),
+            ("a² + b²", Cell::Number(a * a + b * b, 2)),
+            ("explained by 30", Cell::Number(found.explained, 3)),
+            ("thesis: simulator", Cell::text(thesis)),
+        ];
+        table.push(row, says_of_single(i, found));
     }
     table
 }
@@ -325,59 +311,53 @@ fn says_of_single(i: usize, found: &Single) -> String {
 }
 
 fn subspaces(outcomes: &[Outcome]) -> Table {
-    let columns = ["features and responses", "overlap", "largest angle, °"];
-    let mut table = Table::new(
-        "The span of the first features and that of as many optimal responses (overlap: mean cos²)",
-        &columns,
-    );
+    let mut table =
+        Table::new("The span of the first features and that of as many optimal responses (overlap: mean cos²)");
     for size in SETS {
         let of: Vec<&Subspaces> =
             outcomes.iter().flat_map(|outcome| &outcome.sets).filter(|set| set.size == size).collect();
-        let band = |value: fn(&Subspaces) -> f64| Band::of(of.iter().map(|set| value(set)));
         if !of.is_empty() {
-            let cells = vec![
-                Cell::count(size),
-                Cell::band(band(|set| set.overlap), 3),
-                Cell::band(band(|set| set.largest_deg), 1),
+            let row = [
+                ("features and responses", Cell::count(size)),
+                ("overlap", Cell::band(Band::of(of.iter().map(|set| set.overlap)), 3)),
+                ("largest angle, °", Cell::band(Band::of(of.iter().map(|set| set.largest_deg)), 1)),
             ];
-            table.push(cells, "not in the thesis");
+            table.push(row, "not in the thesis");
         }
     }
     table
 }
 
 fn theory(outcome: &Outcome, seed: u64) -> Table {
-    let mut table = Table::new(
-        format!("Theory's order of responses for this walk's speeds, seed {seed}"),
-        &["number", "response", "slowness in theory, 1/s²", "slowness of the feature, 1/s²"],
-    );
+    let mut table = Table::new(format!("Theory's order of responses for this walk's speeds, seed {seed}"));
     for (i, (index, slowness)) in outcome.theory.iter().enumerate().take(10) {
         let feature = outcome.single.get(i).map(|found| found.slowness);
-        table.push(
-            vec![Cell::count(i + 1), Cell::text(phi(*index)), Cell::Number(*slowness, 4), Cell::maybe(feature, 4)],
-            "no number in its text",
-        );
+        let row = [
+            ("number", Cell::count(i + 1)),
+            ("response", Cell::text(phi(*index))),
+            ("slowness in theory, 1/s²", Cell::Number(*slowness, 4)),
+            ("slowness of the feature, 1/s²", Cell::maybe(feature, 4)),
+        ];
+        table.push(row, "no number in its text");
     }
     table
 }
 
 /// Which functions are the slowest, and in which order: features, and functions of the true pose under each condition.
 fn orders(outcome: &Outcome, by_pose: &[Vec<Vec<Single>>], seed: u64) -> Table {
-    let numbers: Vec<String> = (1..=ORDERED).map(|number| format!("number {number}")).collect();
-    let mut columns = vec!["functions"];
-    columns.extend(numbers.iter().map(String::as_str));
-    columns.push("mean slowness of these, 1/s²");
-    let mut table = Table::new(format!("What decides the order, seed {seed}"), &columns);
+    let mut table = Table::new(format!("What decides the order, seed {seed}"));
     let conditions =
         CONDITIONS.iter().zip(by_pose).map(|((what, ..), found)| (format!("of the true pose: {what}"), &found[0]));
     for (what, singles) in std::iter::once(("features of images".to_owned(), &outcome.single)).chain(conditions) {
         let shown = &singles[..singles.len().min(ORDERED)];
-        let mut cells = vec![Cell::text(what)];
-        cells.extend(shown.iter().map(|found| {
+        let mut row = vec![("functions".into(), Cell::text(what))];
+        row.extend(shown.iter().zip(1..).map(|(found, number)| {
             let ([one, other], [a, b], share) = found.pair;
-            Cell::text(format!("{a:+.2} {} {b:+.2} {}: {share:.2}", phi(one), phi(other)))
+            let mixture = format!("{a:+.2} {} {b:+.2} {}: {share:.2}", phi(one), phi(other));
+            (format!("number {number}"), Cell::text(mixture))
         }));
-        cells.push(Cell::Number(shown.iter().map(|found| found.slowness).sum::<f64>() / shown.len() as f64, 4));
+        let mean = shown.iter().map(|found| found.slowness).sum::<f64>() / shown.len() as f64;
+        row.push(("mean slowness of these, 1/s²".into(), Cell::Number(mean, 4)));
         let of_the_thesis = |found: &Single| [[2, 0, 0], [0, 0, 1], [0, 0, 2]].contains(&found.best.0);
         let says =
             match (singles[0].best.0 == [1, 0, 0], singles[1..3].iter().filter(|found| of_the_thesis(found)).count()) {
@@ -385,14 +365,13 @@ fn orders(outcome: &Outcome, by_pose: &[Vec<Vec<Single>>], seed: u64) -> Table {
                 (true, 1) => "agrees with one of its second and third",
                 _ => "differs",
             };
-        table.push(cells, says);
+        table.push(row, says);
     }
     table
 }
 
 fn plots(outcome: &Outcome, lab: &Lab, outcomes: &[Outcome]) -> Result<Vec<(String, String)>, ExperimentError> {
-    let (low, high) = lab.world.plan.reachable_box();
-    let aspect = (high.y - low.y) / (high.x - low.x);
+    let grid = (outcome.grid, lab.aspect());
     let places = outcome.grid.places();
     let map = |name: String, values: &[f64], heading: usize| Map {
         name,
@@ -442,22 +421,16 @@ fn plots(outcome: &Outcome, lab: &Lab, outcomes: &[Outcome]) -> Result<Vec<(Stri
         }),
     );
     let overlap = chart(
+        "overlap.svg",
         "Span of the first features and of as many optimal responses",
         (&Axis::new("features and responses"), &Axis::new("mean cos² of the principal angles").within(0.0, 1.0)),
         &[sets],
     )?;
+    let mixtures = "The first three features, and below each the mixture of two responses that is most like it";
     Ok(vec![
-        ("compare.svg".into(), sheet("The first features in two opposite directions", outcome.grid, aspect, &compare)?),
-        (
-            "mixtures.svg".into(),
-            sheet(
-                "The first three features, and below each the mixture of two responses that is most like it",
-                outcome.grid,
-                aspect,
-                &matched,
-            )?,
-        ),
-        ("overlap.svg".into(), overlap),
+        sheet("compare.svg", "The first features in two opposite directions", grid, &compare)?,
+        sheet("mixtures.svg", mixtures, grid, &matched)?,
+        overlap,
     ])
 }
 

@@ -60,12 +60,7 @@ impl Rule {
     const ALL: [Rule; 4] = [Rule::Ald, Rule::Random, Rule::MpMah, Rule::FeatureAld];
 
     fn name(self) -> &'static str {
-        match self {
-            Rule::Ald => "ALD",
-            Rule::Random => "random",
-            Rule::MpMah => "MP-MAH",
-            Rule::FeatureAld => "ALD over slow features",
-        }
+        ["ALD", "random", "MP-MAH", "ALD over slow features"][self as usize]
     }
 }
 
@@ -270,27 +265,25 @@ fn band(outcomes: &[Outcome], of: impl Fn(&Outcome) -> Option<f64>) -> Option<Ba
 }
 
 fn table(found: &Found, tasks: &[String]) -> Table {
-    let names: Vec<[String; 2]> =
-        tasks.iter().map(|task| [format!("{task}: success"), format!("{task}: quality")]).collect();
-    let mut columns =
-        vec!["support vectors", "rule", "residual", "slowness, 1/s²", "position error, m", "heading error, °"];
-    columns.extend(names.iter().flatten().map(String::as_str));
-    let mut table = Table::new("Rules of choice at equal numbers of support vectors", &columns);
+    let mut table = Table::new("Rules of choice at equal numbers of support vectors");
     for ((_, rule), outcomes) in found {
-        let mut cells = vec![
-            Cell::band(band(outcomes, |outcome| Some(outcome.support_vectors as f64)), 0),
-            Cell::text(rule.name()),
-            Cell::band(band(outcomes, |outcome| Some(outcome.residual)), 4),
-            Cell::band(band(outcomes, |outcome| Some(outcome.slowness)), 4),
-            Cell::band(band(outcomes, |outcome| Some(outcome.position_error_m)), 3),
-            Cell::band(band(outcomes, |outcome| Some(outcome.heading_error_deg)), 1),
+        let cell = |name: &str, digits: usize, of: &dyn Fn(&Outcome) -> Option<f64>| {
+            (name.to_owned(), Cell::band(band(outcomes, of), digits))
+        };
+        let mut row = vec![
+            cell("support vectors", 0, &|outcome| Some(outcome.support_vectors as f64)),
+            ("rule".into(), Cell::text(rule.name())),
+            cell("residual", 4, &|outcome| Some(outcome.residual)),
+            cell("slowness, 1/s²", 4, &|outcome| Some(outcome.slowness)),
+            cell("position error, m", 3, &|outcome| Some(outcome.position_error_m)),
+            cell("heading error, °", 1, &|outcome| Some(outcome.heading_error_deg)),
         ];
-        for task in 0..tasks.len() {
-            cells.push(Cell::band(band(outcomes, |outcome| Some(outcome.policies.get(task)?.success)), 3));
-            cells.push(Cell::band(band(outcomes, |outcome| Some(outcome.policies.get(task)?.quality)), 3));
+        for (task, name) in tasks.iter().enumerate() {
+            row.push(cell(&format!("{name}: success"), 3, &|outcome| Some(outcome.policies.get(task)?.success)));
+            row.push(cell(&format!("{name}: quality"), 3, &|outcome| Some(outcome.policies.get(task)?.quality)));
         }
         let says = if *rule == Rule::Ald { "the thesis's rule; it prints no number" } else { "not in the thesis" };
-        table.push(cells, says);
+        table.push(row, says);
     }
     table
 }
@@ -305,30 +298,26 @@ fn plots(found: &Found, tasks: &[String]) -> Result<Vec<(String, String)>, Exper
     };
     let x = Axis::log("support vectors");
     let mut plots = vec![
-        (
-            "position.svg".to_owned(),
-            chart(
-                "Error of the position that is read off the features",
-                (&x, &Axis::new("root mean square, m")),
-                &lines(&|outcome| Some(outcome.position_error_m)),
-            )?,
-        ),
-        (
-            "slowness.svg".to_owned(),
-            chart(
-                "Mean slowness of the first features",
-                (&x, &Axis::new("slowness Δ, 1/s²")),
-                &lines(&|outcome| Some(outcome.slowness)),
-            )?,
-        ),
+        chart(
+            "position.svg",
+            "Error of the position that is read off the features",
+            (&x, &Axis::new("root mean square, m")),
+            &lines(&|outcome| Some(outcome.position_error_m)),
+        )?,
+        chart(
+            "slowness.svg",
+            "Mean slowness of the first features",
+            (&x, &Axis::new("slowness Δ, 1/s²")),
+            &lines(&|outcome| Some(outcome.slowness)),
+        )?,
     ];
     for (number, task) in tasks.iter().enumerate() {
-        let quality = chart(
+        plots.push(chart(
+            &format!("quality-{}.svg", number + 1),
             &format!("Convergence quality, {task}"),
             (&x, &Axis::new("quality C against the optimum").within(0.0, 1.0)),
             &lines(&|outcome| Some(outcome.policies.get(number)?.quality)),
-        )?;
-        plots.push((format!("quality-{}.svg", number + 1), quality));
+        )?);
     }
     Ok(plots)
 }

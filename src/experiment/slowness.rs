@@ -84,6 +84,10 @@ pub struct Outcome {
 }
 
 impl Outcome {
+    fn vectors(&self) -> Option<f64> {
+        self.support_vectors.map(|vectors| vectors as f64)
+    }
+
     /// Mean slowness of the first features.
     fn mean(&self, of: usize) -> Option<f64> {
         (self.slowness.len() >= of).then(|| self.slowness[..of].iter().sum::<f64>() / of as f64)
@@ -214,24 +218,24 @@ impl Findings {
     }
 
     fn table(&self) -> Table {
-        let means = MEANS.map(|of| if of == 1 { "first".to_owned() } else { format!("mean of {of}") });
-        let mut columns = vec!["image", "method", "support vectors", "sigma"];
-        columns.extend(means.iter().map(String::as_str));
-        let mut table = Table::new("Slowness, 1/s²", &columns);
+        let mut table = Table::new("Slowness, 1/s²");
         for &(image, method) in self.found.keys() {
             let text = match method {
                 Method::Kernel(_) => "kernel SFA",
                 Method::Linear => "linear SFA",
                 Method::Optimal => "optimal responses",
             };
-            let mut cells = vec![
-                Cell::text(format!("{} × {}", image.0, image.1)),
-                Cell::text(text),
-                Cell::band(self.band(image, method, |outcome| Some(outcome.support_vectors? as f64)), 0),
-                Cell::band(self.band(image, method, |outcome| outcome.sigma), 0),
+            let mut row = vec![
+                ("image".into(), Cell::text(format!("{} × {}", image.0, image.1))),
+                ("method".into(), Cell::text(text)),
+                ("support vectors".into(), Cell::band(self.band(image, method, Outcome::vectors), 0)),
+                ("sigma".into(), Cell::band(self.band(image, method, |outcome| outcome.sigma), 0)),
             ];
-            cells.extend(MEANS.map(|of| Cell::band(self.band(image, method, |outcome| outcome.mean(of)), 4)));
-            table.push(cells, self.says(image, method));
+            row.extend(MEANS.map(|of| {
+                let name = if of == 1 { "first".to_owned() } else { format!("mean of {of}") };
+                (name, Cell::band(self.band(image, method, |outcome| outcome.mean(of)), 4))
+            }));
+            table.push(row, self.says(image, method));
         }
         table
     }
@@ -252,22 +256,27 @@ impl Findings {
     }
 
     /// Kernel SFA's support vectors and mean slowness at one image size, by their number.
+    fn bands(&self, image: (usize, usize), of: usize) -> impl Iterator<Item = (f64, Option<Band>)> {
+        let of_image = self.found.keys().filter(move |(i, method)| *i == image && matches!(method, Method::Kernel(_)));
+        of_image.filter_map(move |&(image, method)| {
+            let vectors = self.band(image, method, Outcome::vectors)?.mean;
+            Some((vectors, self.band(image, method, |outcome| outcome.mean(of))))
+        })
+    }
+
+    /// The means of these.
     fn curve(&self, image: (usize, usize), of: usize) -> Vec<(f64, f64)> {
-        let of_image = self.found.keys().filter(|(i, method)| *i == image && matches!(method, Method::Kernel(_)));
-        let point = |&(image, method): &((usize, usize), Method)| {
-            let vectors = self.band(image, method, |outcome| Some(outcome.support_vectors? as f64))?.mean;
-            Some((vectors, self.mean(image, method, of)?))
-        };
-        of_image.filter_map(point).collect()
+        self.bands(image, of).filter_map(|(vectors, band)| Some((vectors, band?.mean))).collect()
     }
 
     /// The thesis's sentences about its figures, and what becomes of them here.
     fn claims(&self) -> Table {
         let of = self.judged();
-        let mut table = Table::new(
-            format!("What the thesis says of its figures, by the mean of the first {of} features"),
-            &["thesis: claim", "thesis: value", "here"],
-        );
+        let mut table =
+            Table::new(format!("What the thesis says of its figures, by the mean of the first {of} features"));
+        let row = |claim: &str, thesis, here| {
+            [("thesis: claim", Cell::text(claim)), ("thesis: value", thesis), ("here", here)]
+        };
         let small = self.curve(IMAGES[0], of);
         let linear = self.mean(IMAGES[0], Method::Linear, of);
         let crossing = linear.and_then(|linear| crossing(&small, linear));
@@ -279,32 +288,23 @@ impl Findings {
             }
             None => "differs: not reached",
         };
-        table.push(
-            vec![
-                Cell::text("as slow as linear SFA with so many support vectors"),
-                Cell::count(LIKE_LINEAR),
-                Cell::maybe(crossing, 0),
-            ],
-            verdict,
-        );
+        let claim = "as slow as linear SFA with so many support vectors";
+        table.push(row(claim, Cell::count(LIKE_LINEAR), Cell::maybe(crossing, 0)), verdict);
         let falls = small.windows(2).filter(|pair| pair[1].1 < pair[0].1).count();
         let steps = small.len().saturating_sub(1);
+        let here = Cell::text(format!("{falls} of {steps} steps"));
         table.push(
-            vec![
-                Cell::text("slowness falls with each larger set"),
-                Cell::text("always"),
-                Cell::text(format!("{falls} of {steps} steps")),
-            ],
+            row("slowness falls with each larger set", Cell::text("always"), here),
             if falls == steps { "agrees" } else { "differs" },
         );
         let optimum = self.mean(IMAGES[0], Method::Optimal, of);
         let left = small.last().zip(optimum).map(|(last, optimum)| last.1 / optimum);
         table.push(
-            vec![
-                Cell::text("slowness of the largest set, over that of the optimal responses"),
+            row(
+                "slowness of the largest set, over that of the optimal responses",
                 Cell::text("towards 1"),
                 Cell::maybe(left, 2),
-            ],
+            ),
             match left {
                 Some(left) if left < 0.98 => "differs: below the optimal responses of this walk",
                 Some(left) if left < 1.25 => "agrees: within a quarter",
@@ -316,12 +316,9 @@ impl Findings {
         let worse =
             large.iter().filter_map(|&(vectors, slowness)| Some(slowness > at(&small, vectors)?)).collect::<Vec<_>>();
         let count = worse.iter().filter(|worse| **worse).count();
+        let here = Cell::text(format!("{count} of {}", worse.len()));
         table.push(
-            vec![
-                Cell::text("64 × 32 pixels are faster (worse) at equal numbers"),
-                Cell::text("always"),
-                Cell::text(format!("{count} of {}", worse.len())),
-            ],
+            row("64 × 32 pixels are faster (worse) at equal numbers", Cell::text("always"), here),
             match (count, worse.len()) {
                 (_, 0) => "cannot be told",
                 (count, all) if count == all => "agrees",
@@ -335,20 +332,13 @@ impl Findings {
     fn plots(&self) -> Result<Vec<(String, String)>, ExperimentError> {
         let mut curves = Vec::new();
         let mut all = Vec::new();
-        let ends = (
-            self.curve(IMAGES[0], 1).first().map_or(100.0, |point| point.0),
-            self.curve(IMAGES[0], 1).last().map_or(8000.0, |point| point.0),
-        );
+        let curve = self.curve(IMAGES[0], 1);
+        let ends = (curve.first().map_or(100.0, |point| point.0), curve.last().map_or(8000.0, |point| point.0));
         // Colours of both images, of linear SFA and of the optimum.
         for (of, colours) in [(10, [0, 3, 1, 6]), (30, [2, 4, 5, 7])] {
             for (colour, image) in colours.into_iter().zip(IMAGES) {
-                let methods =
-                    self.found.keys().filter(|(i, method)| *i == image && matches!(method, Method::Kernel(_)));
-                let points = methods.filter_map(|&(image, method)| {
-                    let vectors = self.band(image, method, |outcome| Some(outcome.support_vectors? as f64))?.mean;
-                    Some((vectors, self.band(image, method, |outcome| outcome.mean(of))))
-                });
-                let line = Line::new(format!("{of} features, {} × {}", image.0, image.1), colour, points);
+                let name = format!("{of} features, {} × {}", image.0, image.1);
+                let line = Line::new(name, colour, self.bands(image, of));
                 curves.extend((!line.points.is_empty()).then_some(line));
             }
             let levels = [(Method::Linear, "linear SFA", colours[2]), (Method::Optimal, "optimal", colours[3])];
@@ -363,22 +353,17 @@ impl Findings {
             let most = outcomes.iter().map(|outcome| outcome.slowness.len()).min().unwrap_or(0);
             let points =
                 (0..most).map(|i| (i as f64 + 1.0, Band::of(outcomes.iter().map(|outcome| outcome.slowness[i]))));
-            let vectors = self.band(image, method, |outcome| Some(outcome.support_vectors? as f64));
+            let vectors = self.band(image, method, Outcome::vectors);
             let name = vectors.map_or(name(method), |vectors| format!("{:.0} vectors", vectors.mean));
             let line = Line::new(name, number, points);
             all.push(if matches!(method, Method::Kernel(_)) { line } else { line.dashed() });
         }
         let vectors = Axis::log("support vectors");
         let slowness = Axis::log("slowness Δ, 1/s²");
+        let features = (&Axis::new("feature"), &slowness);
         Ok(vec![
-            (
-                "vectors.svg".into(),
-                chart("Mean slowness by number of support vectors", (&vectors, &slowness), &curves)?,
-            ),
-            (
-                "features.svg".into(),
-                chart("Slowness of each feature, 32 × 16 pixels", (&Axis::new("feature"), &slowness), &all)?,
-            ),
+            chart("vectors.svg", "Mean slowness by number of support vectors", (&vectors, &slowness), &curves)?,
+            chart("features.svg", "Slowness of each feature, 32 × 16 pixels", features, &all)?,
         ])
     }
 }
@@ -386,18 +371,9 @@ impl Findings {
 /// Where kernel SFA overtakes linear SFA under each condition.
 fn conditions(first: &Findings, others: &[Findings]) -> Table {
     let of = first.judged();
-    let mut table = Table::new(
-        format!(
-            "Support vectors with which kernel SFA is as slow as linear SFA, by the mean of the first {of} features"
-        ),
-        &[
-            "condition",
-            "linear SFA, 1/s²",
-            "kernel SFA with the fewest, 1/s²",
-            "with the most, 1/s²",
-            "vectors for linear SFA's",
-        ],
-    );
+    let mut table = Table::new(format!(
+        "Support vectors with which kernel SFA is as slow as linear SFA, by the mean of the first {of} features"
+    ));
     for (found, (what, ..)) in std::iter::once(first).chain(others).zip(CONDITIONS) {
         let mut curve = found.curve(IMAGES[0], of);
         curve.retain(|point| point.0 < 1.1 * MOST_COMPARED as f64);
@@ -406,14 +382,14 @@ fn conditions(first: &Findings, others: &[Findings]) -> Table {
         let slowness = |point: Option<&(f64, f64)>| Cell::maybe(point.map(|point| point.1), 4);
         let verdict = crossing
             .map_or("none of these".into(), |vectors| format!("{:.2} of the thesis's", vectors / LIKE_LINEAR as f64));
-        let cells = vec![
-            Cell::text(what),
-            Cell::maybe(linear, 4),
-            slowness(curve.first()),
-            slowness(curve.last()),
-            Cell::maybe(crossing, 0),
+        let row = [
+            ("condition", Cell::text(what)),
+            ("linear SFA, 1/s²", Cell::maybe(linear, 4)),
+            ("kernel SFA with the fewest, 1/s²", slowness(curve.first())),
+            ("with the most, 1/s²", slowness(curve.last())),
+            ("vectors for linear SFA's", Cell::maybe(crossing, 0)),
         ];
-        table.push(cells, verdict);
+        table.push(row, verdict);
     }
     table
 }

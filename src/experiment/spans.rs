@@ -1,8 +1,20 @@
-//! How functions on test maps are compared: correlations and mixtures of two.
+//! How functions on test maps are compared: means and variances, correlations and mixtures of two.
 
 use faer::{Mat, MatRef};
 
 use super::maps::HEADINGS;
+
+/// Mean of some values.
+pub fn mean(values: impl ExactSizeIterator<Item = f64>) -> f64 {
+    let n = values.len() as f64;
+    values.sum::<f64>() / n
+}
+
+/// Mean square of their distances from their mean.
+pub fn variance(values: &[f64]) -> f64 {
+    let centre = mean(values.iter().copied());
+    mean(values.iter().map(|value| (value - centre).powi(2)))
+}
 
 /// Rows with mean 0 and length 1.
 pub fn standardised(rows: MatRef<'_, f64>) -> Mat<f64> {
@@ -38,12 +50,8 @@ pub fn best_pair(correlations: &[f64], among: &Mat<f64>) -> ([usize; 2], [f64; 2
 /// Share of the variance of a map's values that the means over all headings have.
 pub fn by_place(values: impl Iterator<Item = f64>, places: usize) -> f64 {
     let values: Vec<f64> = values.collect();
-    let mean = |place: usize| (0..HEADINGS).map(|h| values[h * places + place]).sum::<f64>() / HEADINGS as f64;
-    let variance = |values: &[f64]| {
-        let mean = values.iter().sum::<f64>() / values.len() as f64;
-        values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / values.len() as f64
-    };
-    let means: Vec<f64> = (0..places).map(mean).collect();
+    let of_headings = |place: usize| mean((0..HEADINGS).map(|h| values[h * places + place]));
+    let means: Vec<f64> = (0..places).map(of_headings).collect();
     variance(&means) / variance(&values)
 }
 

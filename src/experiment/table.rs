@@ -76,31 +76,27 @@ impl Serialize for Cell {
 pub struct Table {
     /// What it shows.
     pub title: String,
-    /// Names of the columns, with units; [`SAYS`] comes last.
+    /// Names of the columns, with units; [`SAYS`] comes last. None before there is a row.
     pub columns: Vec<String>,
     rows: Vec<Vec<Cell>>,
 }
 
 impl Table {
-    /// An empty table. A last column [`SAYS`] is added to `columns`.
-    pub fn new(title: impl Into<String>, columns: &[&str]) -> Self {
-        let columns = columns.iter().copied().chain([SAYS]).map(str::to_owned).collect();
-        Table { title: title.into(), columns, rows: Vec::new() }
+    /// An empty table.
+    pub fn new(title: impl Into<String>) -> Self {
+        Table { title: title.into(), columns: Vec::new(), rows: Vec::new() }
     }
 
-    /// Add a row, and say what of it agrees with the thesis.
+    /// Add a row, each cell with the name of its column, and say what of it agrees with the thesis.
     ///
     /// # Panics
-    /// If there are not as many cells as columns: a defect of the experiment.
-    pub fn push(&mut self, mut cells: Vec<Cell>, says: impl Into<String>) {
-        cells.push(Cell::Text(says.into()));
-        assert_eq!(cells.len(), self.columns.len(), "a row of {}", self.title);
+    /// If the columns are not those of the rows before: a defect of the experiment.
+    pub fn push<N: Into<String>>(&mut self, row: impl IntoIterator<Item = (N, Cell)>, says: impl Into<String>) {
+        let row = row.into_iter().map(|(column, cell)| (column.into(), cell));
+        let (columns, cells): (Vec<_>, _) = row.chain([(SAYS.to_owned(), Cell::text(says))]).unzip();
+        assert!(self.rows.is_empty() || self.columns == columns, "a row of {}", self.title);
+        self.columns = columns;
         self.rows.push(cells);
-    }
-
-    /// The rows.
-    pub fn rows(&self) -> &[Vec<Cell>] {
-        &self.rows
     }
 
     /// For a terminal: numbers right-aligned, words left-aligned.
@@ -189,10 +185,13 @@ mod tests {
     use super::*;
 
     fn table() -> Table {
-        let mut table = Table::new("Steps, by features", &["features", "steps", "thesis: steps"]);
+        let mut table = Table::new("Steps, by features");
+        let row = |features, steps, thesis| {
+            [("features", Cell::count(features)), ("steps", steps), ("thesis: steps", thesis)]
+        };
         let band = Band::of([1.0, 2.0, 3.0]).unwrap();
-        table.push(vec![Cell::count(10), Cell::Band(band, 1), Cell::Empty], "not in the thesis");
-        table.push(vec![Cell::count(200), Cell::Number(0.5, 2), Cell::text("< 1")], "agrees, | below 1");
+        table.push(row(10, Cell::Band(band, 1), Cell::Empty), "not in the thesis");
+        table.push(row(200, Cell::Number(0.5, 2), Cell::text("< 1")), "agrees, | below 1");
         table
     }
 

@@ -146,11 +146,7 @@ impl Iteration {
 
     /// In words.
     pub fn name(self) -> &'static str {
-        match self {
-            Iteration::Thesis => "the thesis's LSPI",
-            Iteration::Alone => "ours without reflexes",
-            Iteration::Ours => "ours: ridge, mixing, reflexes",
-        }
+        ["the thesis's LSPI", "ours without reflexes", "ours: ridge, mixing, reflexes"][self as usize]
     }
 
     /// Reflexes that go with it.

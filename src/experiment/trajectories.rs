@@ -9,10 +9,9 @@ use super::lab::{FRAMES, Lab, TRANSITIONS};
 use super::maps::{Way, rooms};
 use super::trained::{Iteration, Sampled, Trained, Training, train, trips};
 use super::{Band, Bench, Cell, Experiment, ExperimentError, Once, Results, Sizes, Table};
-use crate::evaluate::{Evaluator, wilson_low};
+use crate::evaluate::wilson_low;
 use crate::report::draw::{Axis, Chart, DrawError, Line, SERIES, Stroke};
 use crate::robot::Pose;
-use crate::scenario::Task;
 
 /// The experiment.
 pub const EXPERIMENT: Experiment = Experiment {
@@ -117,8 +116,7 @@ fn varied(trained: &Trained<'_>, settings: &Varied, bench: &Bench<'_>) -> Result
     // Of all kinds, or as in the thesis.
     let kind = if settings.blocked { Iteration::Alone } else { Iteration::Thesis };
     let sampled = Sampled::new(trained, settings.transitions, kind, bench)?;
-    let (scenario, world) = (lab.scenario.clone(), lab.world.clone());
-    let evaluator = Evaluator::new(scenario, world, settings.starts, lab.scenario.seed);
+    let evaluator = lab.evaluator(settings.starts);
     let of_goal = |task: usize| {
         bench.go_on()?;
         let fit = sampled.fit(settings.features, task, Iteration::Thesis)?;
@@ -152,10 +150,7 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
                     let trained = trained.get(|| train(&lab, &settings.training, bench))?;
                     let make = || Sampled::new(trained, transitions, iteration, bench);
                     let sampled = sampled[iteration as usize].get(make)?;
-                    let evaluator = evaluator.get(|| {
-                        let (scenario, world) = (lab.scenario.clone(), lab.world.clone());
-                        Ok::<_, ExperimentError>(Evaluator::new(scenario, world, starts, seed))
-                    })?;
+                    let evaluator = evaluator.get(|| Ok::<_, ExperimentError>(lab.evaluator(starts)))?;
                     let fit = sampled.fit(features, task, iteration)?;
                     let trips = trips(&trained.model, &fit, (evaluator, task), iteration.reflexes(&lab))?;
                     let rounded = |value: f64| (1e4 * value).round() / 1e4;
@@ -212,9 +207,9 @@ fn interval((arrived, all): (usize, usize)) -> (f64, f64) {
 }
 
 fn summary(lab: &Lab, driven: &[Driven]) -> Table {
-    let columns = ["goal", "iteration", "arrived", "interval", "steps", "optimal", "longest", "thesis: arrived"];
     let robot = interval(ARRIVED);
-    let mut table = Table::new("Trajectories that arrived", &columns);
+    let thesis = format!("{} of {} (robot): {:.2} to {:.2}", ARRIVED.0, ARRIVED.1, robot.0, robot.1);
+    let mut table = Table::new("Trajectories that arrived");
     for (task, goal) in lab.scenario.tasks.iter().enumerate() {
         for iteration in Iteration::BOTH {
             let of = driven.iter().filter(|driven| (driven.task, driven.iteration) == (task, iteration));
@@ -225,14 +220,12 @@ fn summary(lab: &Lab, driven: &[Driven]) -> Table {
                 share.push(arrived.len() as f64 / driven.trajectories.len() as f64);
                 all = (all.0 + arrived.len(), all.1 + driven.trajectories.len());
                 longest = arrived.iter().copied().chain([longest]).max().unwrap_or(0);
-                let mean = |values: &[usize]| values.iter().sum::<usize>() as f64 / values.len() as f64;
-                if !arrived.is_empty() {
-                    steps.push(mean(&arrived));
-                }
                 let best: Vec<usize> = driven.trajectories.iter().filter_map(|trajectory| trajectory.optimal).collect();
-                if !best.is_empty() {
-                    optimal.push(mean(&best));
-                }
+                let mean = |values: &[usize]| {
+                    (!values.is_empty()).then(|| values.iter().sum::<usize>() as f64 / values.len() as f64)
+                };
+                steps.extend(mean(&arrived));
+                optimal.extend(mean(&best));
             }
             let ours = interval(all);
             let says = match iteration {
@@ -241,17 +234,17 @@ fn summary(lab: &Lab, driven: &[Driven]) -> Table {
                 _ if ours.1 < robot.0 => "differs: fewer arrive",
                 _ => "agrees: the intervals overlap",
             };
-            let cells = vec![
-                Cell::text(&goal.name),
-                Cell::text(iteration.name()),
-                Cell::band(Band::of(&share), 2),
-                Cell::text(format!("{:.2} to {:.2}", ours.0, ours.1)),
-                Cell::band(Band::of(&steps), 1),
-                Cell::band(Band::of(&optimal), 1),
-                Cell::count(longest),
-                Cell::text(format!("{} of {} (robot): {:.2} to {:.2}", ARRIVED.0, ARRIVED.1, robot.0, robot.1)),
+            let row = [
+                ("goal", Cell::text(&goal.name)),
+                ("iteration", Cell::text(iteration.name())),
+                ("arrived", Cell::band(Band::of(&share), 2)),
+                ("interval", Cell::text(format!("{:.2} to {:.2}", ours.0, ours.1))),
+                ("steps", Cell::band(Band::of(&steps), 1)),
+                ("optimal", Cell::band(Band::of(&optimal), 1)),
+                ("longest", Cell::count(longest)),
+                ("thesis: arrived", Cell::text(&thesis)),
             ];
-            table.push(cells, says);
+            table.push(row, says);
         }
     }
     table
@@ -259,33 +252,29 @@ fn summary(lab: &Lab, driven: &[Driven]) -> Table {
 
 /// How many arrive with the thesis's iteration under each condition.
 fn conditions(lab: &Lab, under: &[Vec<Vec<Arrived>>]) -> Table {
-    let of_goal = |task: &Task| [format!("{}: arrived", task.name), format!("{}: settled", task.name)];
-    let columns: Vec<String> =
-        std::iter::once("condition".to_owned()).chain(lab.scenario.tasks.iter().flat_map(of_goal)).collect();
-    let columns: Vec<&str> = columns.iter().map(String::as_str).collect();
-    let mut table = Table::new("What decides how many arrive with the thesis's LSPI", &columns);
+    let mut table = Table::new("What decides how many arrive with the thesis's LSPI");
     let robot = ARRIVED.0 as f64 / ARRIVED.1 as f64;
     for (condition, seeds) in CONDITIONS.iter().zip(under) {
-        let mut cells = vec![Cell::text(condition.what)];
+        let mut row = vec![("condition".into(), Cell::text(condition.what))];
         let mut fewer = 0;
-        for task in 0..lab.scenario.tasks.len() {
+        for (task, goal) in lab.scenario.tasks.iter().enumerate() {
             let arrived = Band::of(seeds.iter().map(|of| of[task].share));
             fewer += usize::from(arrived.is_some_and(|band| band.mean < robot));
             let settled = seeds.iter().filter(|of| of[task].converged).count() as f64 / seeds.len() as f64;
-            cells.extend([Cell::band(arrived, 2), Cell::Number(settled, 2)]);
+            row.push((format!("{}: arrived", goal.name), Cell::band(arrived, 2)));
+            row.push((format!("{}: settled", goal.name), Cell::Number(settled, 2)));
         }
         let says = match fewer {
             0 => "agrees: as many as the robot's, or more".to_owned(),
             some => format!("differs: fewer than the robot's to {some} of {}", lab.scenario.tasks.len()),
         };
-        table.push(cells, says);
+        table.push(row, says);
     }
     table
 }
 
 fn single(lab: &Lab, driven: &[Driven], seed: u64) -> Table {
-    let columns = ["goal", "start x, m", "start y, m", "heading, °", "optimal", "the thesis's LSPI", "ours"];
-    let mut table = Table::new(format!("Steps of each trajectory, seed {seed}"), &columns);
+    let mut table = Table::new(format!("Steps of each trajectory, seed {seed}"));
     for (task, goal) in lab.scenario.tasks.iter().enumerate() {
         let of = |iteration: Iteration| {
             driven.iter().find(|driven| (driven.seed, driven.task, driven.iteration) == (seed, task, iteration))
@@ -294,18 +283,16 @@ fn single(lab: &Lab, driven: &[Driven], seed: u64) -> Table {
         for (plain, ours) in thesis.trajectories.iter().zip(&ours.trajectories) {
             let Some([x, y, heading]) = plain.poses.first() else { continue };
             let steps = |trajectory: &Trajectory| trajectory.steps().map_or(Cell::text("not arrived"), Cell::count);
-            table.push(
-                vec![
-                    Cell::text(&goal.name),
-                    Cell::Number(*x, 2),
-                    Cell::Number(*y, 2),
-                    Cell::Number(heading.to_degrees(), 0),
-                    Cell::maybe(plain.optimal.map(|steps| steps as f64), 0),
-                    steps(plain),
-                    steps(ours),
-                ],
-                "no counterpart",
-            );
+            let row = [
+                ("goal", Cell::text(&goal.name)),
+                ("start x, m", Cell::Number(*x, 2)),
+                ("start y, m", Cell::Number(*y, 2)),
+                ("heading, °", Cell::Number(heading.to_degrees(), 0)),
+                ("optimal", plain.optimal.map_or(Cell::Empty, Cell::count)),
+                ("the thesis's LSPI", steps(plain)),
+                ("ours", steps(ours)),
+            ];
+            table.push(row, "no counterpart");
         }
     }
     table
@@ -313,25 +300,16 @@ fn single(lab: &Lab, driven: &[Driven], seed: u64) -> Table {
 
 fn plots(lab: &Lab, driven: &[Driven], seed: u64) -> Result<Vec<(String, String)>, DrawError> {
     let plot = |iteration: Iteration| {
-        let of: Vec<(&Driven, Vec<Vec<Pose>>)> = driven
-            .iter()
-            .filter(|driven| driven.seed == seed && driven.iteration == iteration)
-            .map(|driven| {
-                let pose = |&[x, y, heading]: &[f64; 3]| Pose::new([x, y].into(), heading);
-                (driven, driven.trajectories.iter().map(|t| t.poses.iter().map(pose).collect()).collect())
-            })
-            .collect();
-        let sketches: Vec<_> = of
-            .iter()
-            .map(|(driven, poses)| {
-                let ways = driven.trajectories.iter().zip(poses);
-                let ways: Vec<Way<'_>> = ways.map(|(t, poses)| Way { poses, steps: t.steps() }).collect();
-                let arrived = ways.iter().filter(|way| way.steps.is_some()).count();
-                let task = lab.task(driven.task);
-                (task, format!("{}: {arrived} of {} arrive", task.name, ways.len()), ways)
-            })
-            .collect();
-        rooms(&format!("Trajectories, {}", iteration.name()), lab, &sketches)
+        let of = driven.iter().filter(|driven| driven.seed == seed && driven.iteration == iteration);
+        let sketches = of.map(|driven| {
+            let pose = |&[x, y, heading]: &[f64; 3]| Pose::new([x, y].into(), heading);
+            let way = |of: &Trajectory| Way { poses: of.poses.iter().map(pose).collect(), steps: of.steps() };
+            let ways: Vec<Way> = driven.trajectories.iter().map(way).collect();
+            let arrived = ways.iter().filter(|way| way.steps.is_some()).count();
+            let task = lab.task(driven.task);
+            (task, format!("{}: {arrived} of {} arrive", task.name, ways.len()), ways)
+        });
+        rooms(&format!("Trajectories, {}", iteration.name()), lab, &sketches.collect::<Vec<_>>())
     };
     let name = |iteration| if iteration == Iteration::Thesis { "thesis.svg" } else { "ours.svg" };
     let ways = Iteration::BOTH.into_iter().map(|iteration| (name(iteration).to_owned(), plot(iteration)));

@@ -54,19 +54,15 @@ pub enum Values {
 }
 
 impl Values {
-    const ALL: [Values; 6] =
-        [Values::Linear, Values::Means, Values::Local, Values::Pose, Values::NoWalls, Values::Unbounded];
-
-    fn name(self) -> &'static str {
-        match self {
-            Values::Linear => "linear in slow features",
-            Values::Means => "means of neighbours",
-            Values::Local => "regressions on neighbours (default)",
-            Values::Pose => "the same in the true pose",
-            Values::NoWalls => "the default, walls not to be avoided",
-            Values::Unbounded => "the default, penalties in full",
-        }
-    }
+    /// All of them in the order of their declaration, with their names.
+    const ALL: [(Values, &str); 6] = [
+        (Values::Linear, "linear in slow features"),
+        (Values::Means, "means of neighbours"),
+        (Values::Local, "regressions on neighbours (default)"),
+        (Values::Pose, "the same in the true pose"),
+        (Values::NoWalls, "the default, walls not to be avoided"),
+        (Values::Unbounded, "the default, penalties in full"),
+    ];
 }
 
 #[derive(Serialize)]
@@ -95,7 +91,7 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
         let settings = &lab.scenario.value;
         let training = Training::new(&lab, actions, vectors, features);
         let (trained, trials) = (Once::<Trained<'_>>::default(), Once::<Trials<'_>>::default());
-        for (values, &count) in Values::ALL.iter().flat_map(|&values| counts.iter().map(move |count| (values, count))) {
+        for ((values, name), &count) in Values::ALL.iter().flat_map(|&of| counts.iter().map(move |count| (of, count))) {
             let of_values = Settings {
                 training: training.clone(),
                 starts,
@@ -105,7 +101,7 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
                 metres_per_radian: METRES_PER_RADIAN,
             };
             let qualities: Vec<Quality> =
-                bench.result(&format!("{}, {count} transitions, seed {seed}", values.name()), &of_values, || {
+                bench.result(&format!("{name}, {count} transitions, seed {seed}"), &of_values, || {
                     let trained = trained.get(|| train(&lab, &training, bench))?;
                     let trials = trials.get(|| Ok::<_, ExperimentError>(Trials::new(&lab, starts)))?;
                     tried(trained, trials, (values, count), bench)
@@ -120,7 +116,7 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
              of steps, with the thesis's reward near walls (-1 within 0.5 m); transitions are spread over a random walk of {actions} \
              actions, {vectors} support vectors were aimed at."
         )],
-        plots: vec![("quality.svg".into(), plot(&found)?)],
+        plots: vec![plot(&found)?],
     })
 }
 
@@ -159,39 +155,38 @@ fn tried(
 }
 
 fn table(found: &Found, goals: &[String]) -> Table {
-    let columns = ["values", "transitions", "goal", "success", "steps", "extra", "quality"];
-    let mut table = Table::new("Values from the same transitions", &columns);
-    for ((values, count), by_seed) in found {
+    let mut table = Table::new("Values from the same transitions");
+    for (&(values, count), by_seed) in found {
         for (task, goal) in goals.iter().enumerate() {
-            let band = |of: &dyn Fn(&Quality) -> Option<f64>| {
-                Band::of(by_seed.iter().filter_map(|qualities| of(&qualities[task])))
+            let band = |of: fn(&Quality) -> Option<f64>, digits| {
+                Cell::band(Band::of(by_seed.iter().filter_map(|qualities| of(&qualities[task]))), digits)
             };
-            let cells = vec![
-                Cell::text(values.name()),
-                Cell::count(*count),
-                Cell::text(goal.as_str()),
-                Cell::band(band(&|quality| Some(quality.success)), 3),
-                Cell::band(band(&|quality| quality.steps), 2),
-                Cell::band(band(&|quality| quality.extra), 2),
-                Cell::band(band(&|quality| Some(quality.quality)), 3),
+            let row = [
+                ("values", Cell::text(Values::ALL[values as usize].1)),
+                ("transitions", Cell::count(count)),
+                ("goal", Cell::text(goal)),
+                ("success", band(|quality| Some(quality.success), 3)),
+                ("steps", band(|quality| quality.steps, 2)),
+                ("extra", band(|quality| quality.extra, 2)),
+                ("quality", band(|quality| Some(quality.quality), 3)),
             ];
-            table.push(cells, "not in the thesis");
+            table.push(row, "not in the thesis");
         }
     }
     table
 }
 
 /// Quality by the number of transitions, mean over the goals.
-fn plot(found: &Found) -> Result<String, ExperimentError> {
+fn plot(found: &Found) -> Result<(String, String), ExperimentError> {
     let mean = |qualities: &Vec<Quality>| {
         qualities.iter().map(|quality| quality.quality).sum::<f64>() / qualities.len().max(1) as f64
     };
-    let line = |(colour, values): (usize, Values)| {
+    let line = |(colour, (values, name)): (usize, (Values, &str))| {
         let points = found.iter().filter(|((of, _), _)| *of == values);
         let band = |by_seed: &Vec<Vec<Quality>>| Band::of(by_seed.iter().map(mean));
-        Line::new(values.name(), colour, points.map(|((_, count), by_seed)| (*count as f64, band(by_seed))))
+        Line::new(name, colour, points.map(|((_, count), by_seed)| (*count as f64, band(by_seed))))
     };
     let lines: Vec<Line> = Values::ALL.into_iter().enumerate().map(line).collect();
     let axes = (&Axis::log("transitions"), &Axis::new("convergence quality C").within(0.0, 1.0));
-    Ok(chart("Convergence quality by the number of transitions, mean over five goals", axes, &lines)?)
+    Ok(chart("quality.svg", "Convergence quality by the number of transitions, mean over five goals", axes, &lines)?)
 }

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::lab::{FRAMES, Lab, TRANSITIONS};
+use super::lab::{CENTRE, FRAMES, Lab, TRANSITIONS};
 use super::plot::{Line, chart};
 use super::quality::{Quality, Trials};
 use super::trained::{Iteration, Sampled, Trained, Training, train, trips};
@@ -22,7 +22,6 @@ pub const EXPERIMENT: Experiment = Experiment {
     run,
 };
 
-const TASK: &str = "centre";
 /// Actions of the walk, transitions out of it, support vectors (the thesis had 8064).
 const TRAINING: Sizes<(usize, usize, usize)> =
     Sizes { full: (FRAMES - 1, TRANSITIONS, 8000), quick: (12_000, 6000, 1000), smoke: (600, 400, 60) };
@@ -87,11 +86,10 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     bench.plan(scope.seeds.len() * (features.len() + (CONDITIONS.len() - 1) * many.len()));
     let most = features.iter().copied().max().unwrap_or(2);
     let (mut found, mut sizes) = ([(); CONDITIONS.len()].map(|()| Found::new()), Vec::new());
-    let mut gamma = 0.0;
+    let (mut gamma, (task, name)) = (0.0, CENTRE);
     for (&seed, sets) in scope.seeds.iter().flat_map(|seed| CAMERAS.map(|sets| (seed, sets))) {
         let lab = Lab::new(seed, sets)?;
         gamma = lab.scenario.value.gamma;
-        let task = lab.task_number(TASK).unwrap_or(0);
         let training = Training::new(&lab, actions, vectors, most - 1);
         let (trained, trials) = (Once::<Trained<'_>>::default(), Once::<Trials<'_>>::default());
         let of_camera = CONDITIONS.iter().zip(&mut found).enumerate().filter(|(_, ((_, of, _), _))| *of == sets);
@@ -99,7 +97,7 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
             let sampled: [Once<Sampled<'_>>; 3] = Default::default();
             let transitions = transitions * times;
             for &d in if number == 0 { features } else { many } {
-                let settings = Settings { training: training.clone(), transitions, task: TASK, starts, features: d };
+                let settings = Settings { training: training.clone(), transitions, task: name, starts, features: d };
                 let label = format!("{d} features, {what}, seed {seed}");
                 let outcome: Outcome = bench.result(&label, &settings, || {
                     let trained = trained.get(|| train(&lab, &training, bench))?;
@@ -129,7 +127,7 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
         tables: vec![table(&found[0], gamma), conditions(&found, many, gamma)],
         notes: vec![
             format!(
-                "Goal {TASK}, γ = {gamma}, {starts} random starts, {transitions} transitions out of a walk of {actions} actions, \
+                "Goal {name}, γ = {gamma}, {starts} random starts, {transitions} transitions out of a walk of {actions} actions, \
                  {sizes:.0} support vectors (thesis: 8064 and 11 656 transitions out of 35 128 frames)."
             ),
             "More than the reference: log_γ of the mean of γ^(steps − steps of the reference policy), as in the thesis. Quality: \
@@ -156,59 +154,46 @@ fn more(policies: &[Policy], gamma: f64) -> Option<f64> {
 }
 
 fn table(found: &Found, gamma: f64) -> Table {
-    let columns = [
-        "features",
-        "iteration",
-        "settled",
-        "success",
-        "steps",
-        "extra",
-        "quality",
-        "more than the reference",
-        "thesis: more than the reference",
-    ];
-    let mut table = Table::new("Policies over slow features, by their number", &columns);
+    let mut table = Table::new("Policies over slow features, by their number");
     for (&(d, iteration), policies) in found {
-        let (settled, more) = (settled(policies), more(policies, gamma));
+        let more = more(policies, gamma);
         let works = d >= REGIME && iteration == Iteration::Thesis;
-        let cells = vec![
-            Cell::count(d),
-            Cell::text(iteration.name()),
-            Cell::Number(settled, 2),
-            Cell::band(band(policies, |quality| Some(quality.success)), 3),
-            Cell::band(band(policies, |quality| quality.steps), 2),
-            Cell::band(band(policies, |quality| quality.extra), 2),
-            Cell::band(band(policies, |quality| Some(quality.quality)), 3),
-            Cell::maybe(more, 2),
-            if works { Cell::text("2 to 3") } else { Cell::Empty },
+        let row = [
+            ("features", Cell::count(d)),
+            ("iteration", Cell::text(iteration.name())),
+            ("settled", Cell::Number(settled(policies), 2)),
+            ("success", Cell::band(band(policies, |quality| Some(quality.success)), 3)),
+            ("steps", Cell::band(band(policies, |quality| quality.steps), 2)),
+            ("extra", Cell::band(band(policies, |quality| quality.extra), 2)),
+            ("quality", Cell::band(band(policies, |quality| Some(quality.quality)), 3)),
+            ("more than the reference", Cell::maybe(more, 2)),
+            ("thesis: more than the reference", if works { Cell::text("2 to 3") } else { Cell::Empty }),
         ];
-        table.push(cells, says(d, iteration, more));
+        table.push(row, says(d, iteration, more));
     }
     table
 }
 
 /// What many features come to under each condition.
 fn conditions(found: &[Found], many: &[usize], gamma: f64) -> Table {
-    let of_each = |d: &usize| [format!("{d} features: settled"), format!("{d}: more than the reference")];
-    let columns: Vec<String> =
-        ["condition", "iteration"].map(Into::into).into_iter().chain(many.iter().flat_map(of_each)).collect();
-    let columns: Vec<&str> = columns.iter().map(String::as_str).collect();
-    let mut table = Table::new("What decides whether many features work", &columns);
+    let mut table = Table::new("What decides whether many features work");
     for (found, (what, ..)) in found.iter().zip(CONDITIONS) {
         for iteration in Iteration::BOTH {
-            let policies: Vec<&Vec<Policy>> = many.iter().filter_map(|&d| found.get(&(d, iteration))).collect();
-            let mut cells = vec![Cell::text(what), Cell::text(iteration.name())];
-            for policies in &policies {
-                cells.extend([Cell::Number(settled(policies), 2), Cell::maybe(more(policies, gamma), 2)]);
+            let mut row =
+                vec![("condition".into(), Cell::text(what)), ("iteration".into(), Cell::text(iteration.name()))];
+            let mut work = 0;
+            for (d, policies) in many.iter().filter_map(|&d| Some((d, found.get(&(d, iteration))?))) {
+                let more = more(policies, gamma);
+                row.push((format!("{d} features: settled"), Cell::Number(settled(policies), 2)));
+                row.push((format!("{d}: more than the reference"), Cell::maybe(more, 2)));
+                work += usize::from(more.is_some_and(|more| more <= MORE.1 + ROUNDED));
             }
-            let work =
-                policies.iter().filter(|of| more(of, gamma).is_some_and(|more| more <= MORE.1 + ROUNDED)).count();
             let says = match iteration {
                 Iteration::Thesis if work == many.len() => "agrees: they all work".into(),
                 Iteration::Thesis => format!("differs: {work} of {} work", many.len()),
                 _ => "not in the thesis".into(),
             };
-            table.push(cells, says);
+            table.push(row, says);
         }
     }
     table
@@ -238,14 +223,16 @@ fn plots(found: &Found) -> Result<Vec<(String, String)>, ExperimentError> {
     };
     let x = Axis::log("features d");
     let quality = chart(
+        "quality.svg",
         "Convergence quality against the optimum, by number of slow features",
         (&x, &Axis::new("convergence quality C").within(0.0, 1.0)),
         &lines(&|quality| Some(quality.quality)),
     )?;
     let more = chart(
+        "steps.svg",
         "Steps more than the reference policy, by number of slow features",
         (&x, &Axis::new("log_γ C against the reference").within(-1.5, 8.0)),
         &lines(&|quality| quality.more_than_reference),
     )?;
-    Ok(vec![("quality.svg".into(), quality), ("steps.svg".into(), more)])
+    Ok(vec![quality, more])
 }

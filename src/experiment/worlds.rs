@@ -16,7 +16,6 @@ use super::plot::{Line, chart};
 use super::quality::{Quality, Trials};
 use super::trained::with_one;
 use super::{Band, Bench, Cell, Experiment, ExperimentError, Once, Results, Sizes, Table};
-use crate::evaluate::Evaluator;
 use crate::report::draw::Axis;
 
 /// The experiment.
@@ -56,36 +55,24 @@ enum Method {
 }
 
 impl Method {
-    const ALL: [Method; 12] = [
-        Method::Agent,
-        Method::AgentLinear,
-        Method::Batch,
-        Method::PoseLocal,
-        Method::PosePlanned,
-        Method::PoseLinear,
-        Method::Replanned,
-        Method::ToldApart,
-        Method::QOnPixels,
-        Method::Random,
-        Method::Reference,
-        Method::Optimal,
+    /// All of them in the order of their declaration, with their names.
+    const ALL: [(Method, &str); 12] = [
+        (Method::Agent, "the agent (local values)"),
+        (Method::AgentLinear, "the agent, linear values"),
+        (Method::Batch, "the thesis's batch pipeline"),
+        (Method::PoseLocal, "true pose, local values"),
+        (Method::PosePlanned, "true pose, planned on a lattice"),
+        (Method::PoseLinear, "true pose, our LSPI"),
+        (Method::Replanned, "true pose, shortest way"),
+        (Method::ToldApart, "the same, but for rooms that look alike"),
+        (Method::QOnPixels, "Stream-Q(λ) on pixels"),
+        (Method::Random, "random actions"),
+        (Method::Reference, "reference policy"),
+        (Method::Optimal, "optimum"),
     ];
 
     fn name(self) -> &'static str {
-        match self {
-            Method::Agent => "the agent (local values)",
-            Method::AgentLinear => "the agent, linear values",
-            Method::Batch => "the thesis's batch pipeline",
-            Method::PoseLocal => "true pose, local values",
-            Method::PosePlanned => "true pose, planned on a lattice",
-            Method::PoseLinear => "true pose, our LSPI",
-            Method::Replanned => "true pose, shortest way",
-            Method::ToldApart => "the same, but for rooms that look alike",
-            Method::QOnPixels => "Stream-Q(λ) on pixels",
-            Method::Random => "random actions",
-            Method::Reference => "reference policy",
-            Method::Optimal => "optimum",
-        }
+        Self::ALL[self as usize].1
     }
 }
 
@@ -160,12 +147,12 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
             }
             let lab = Lab::world(place, seed, &sets)?;
             let shared = Once::default();
-            for method in Method::ALL {
+            for (method, what) in Method::ALL {
                 let small = share > 1;
                 let (data, sets) = (Data::new(&lab, actions), sets.clone());
                 let settings = Settings { data, actions, method, starts, small, sets };
                 let tried: Tried =
-                    bench.result(&format!("{name}, {}, seed {seed}", method.name()), &settings, || match method {
+                    bench.result(&format!("{name}, {what}, seed {seed}"), &settings, || match method {
                         Method::Agent | Method::AgentLinear => of_agent(&settings, (place, seed), bench),
                         _ => of_field(shared.get(|| Field::new(&lab, actions, starts.0, bench))?, method, actions),
                     })?;
@@ -206,9 +193,7 @@ fn of_agent(settings: &Settings, (place, seed): (usize, u64), bench: &Bench<'_>)
         sets.extend(SMALL.map(str::to_owned));
     }
     let lab = Lab::driven(place, seed, &sets)?;
-    let (scenario, world) = (&lab.scenario, &lab.world);
-    let evaluator = Evaluator::new(scenario.clone(), world.clone(), settings.starts.1, seed);
-    let outcome = drive(scenario, world, &evaluator, bench)?;
+    let outcome = drive(&lab, &lab.evaluator(settings.starts.1), bench)?;
     let Some(learned) = outcome.learned else {
         return Err(ExperimentError::Run(outcome.without_model.unwrap_or_else(|| "no model was learned".into())));
     };
@@ -249,28 +234,26 @@ fn of_field(field: &Field<'_>, method: Method, actions: usize) -> Result<Tried, 
 }
 
 fn table(found: &Found) -> Table {
-    let columns =
-        ["world", "method", "actions", "support vectors", "success", "least", "steps", "extra", "quality", "good from"];
-    let mut table = Table::new("The agent in every world", &columns);
+    let mut table = Table::new("The agent in every world");
     for (&(place, method), seeds) in found {
-        let band = |of: &dyn Fn(&Tried) -> Option<f64>| Band::of(seeds.iter().filter_map(of));
+        let band =
+            |of: &dyn Fn(&Tried) -> Option<f64>, digits| Cell::band(Band::of(seeds.iter().filter_map(of)), digits);
         let least = |tried: &Tried| tried.qualities.iter().map(|q| q.success).min_by(f64::total_cmp);
         let learns = !matches!(method, Method::Random | Method::Reference | Method::Optimal);
         let actions = seeds.first().filter(|_| learns).map_or(Cell::Empty, |tried| Cell::count(tried.actions));
-        let cells = vec![
-            Cell::text(WORLDS[place].0),
-            Cell::text(method.name()),
-            actions,
-            Cell::band(band(&|tried| tried.support_vectors.map(|vectors| vectors as f64)), 0),
-            Cell::band(band(&|tried| tried.mean(|q| Some(q.success))), 3),
-            Cell::band(band(&least), 3),
-            Cell::band(band(&|tried| tried.mean(|q| q.steps)), 2),
-            Cell::band(band(&|tried| tried.mean(|q| q.extra)), 2),
-            Cell::band(band(&|tried| tried.mean(|q| Some(q.quality))), 3),
-            Cell::band(band(&Tried::good_from), 0),
+        let row = [
+            ("world", Cell::text(WORLDS[place].0)),
+            ("method", Cell::text(method.name())),
+            ("actions", actions),
+            ("support vectors", band(&|tried| tried.support_vectors.map(|vectors| vectors as f64), 0)),
+            ("success", band(&|tried| tried.mean(|q| Some(q.success)), 3)),
+            ("least", band(&least, 3)),
+            ("steps", band(&|tried| tried.mean(|q| q.steps), 2)),
+            ("extra", band(&|tried| tried.mean(|q| q.extra), 2)),
+            ("quality", band(&|tried| tried.mean(|q| Some(q.quality)), 3)),
+            ("good from", band(&Tried::good_from, 0)),
         ];
-        table
-            .push(cells, if place == 0 && method == Method::Batch { "80 % on the robot" } else { "not in the thesis" });
+        table.push(row, if place == 0 && method == Method::Batch { "80 % on the robot" } else { "not in the thesis" });
     }
     table
 }
@@ -292,8 +275,9 @@ fn plots(found: &Found) -> Result<Vec<(String, String)>, ExperimentError> {
     };
     let x = Axis::log("actions");
     let y = |name: &str| Axis::new(name).within(0.0, 1.0);
-    let of_success =
-        chart("The agent's success by actions", (&x, &y("share of starts that arrive")), &lines(|p| p.success))?;
-    let of_quality = chart("The agent's quality by actions", (&x, &y("convergence quality C")), &lines(|p| p.quality))?;
-    Ok(vec![("success.svg".into(), of_success), ("quality.svg".into(), of_quality)])
+    let (success, quality) = (y("share of starts that arrive"), y("convergence quality C"));
+    Ok(vec![
+        chart("success.svg", "The agent's success by actions", (&x, &success), &lines(|p| p.success))?,
+        chart("quality.svg", "The agent's quality by actions", (&x, &quality), &lines(|p| p.quality))?,
+    ])
 }

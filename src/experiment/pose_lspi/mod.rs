@@ -15,7 +15,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use self::results::Findings;
-use super::lab::{Data, FRAMES, Lab, TRANSITIONS, Transition, Walked, points};
+use super::lab::{CENTRE, Data, FRAMES, Lab, TRANSITIONS, Transition, Walked, points};
 use super::quality::{Quality, Trials};
 use super::trained::{Iteration, with_one, worths};
 use super::{Bench, Experiment, ExperimentError, Once, Results, Sizes};
@@ -31,8 +31,6 @@ pub const EXPERIMENT: Experiment = Experiment {
     lasts: Sizes { full: "a quarter of an hour", quick: "4 min", smoke: "seconds" },
     run,
 };
-
-const TASK: &str = "centre";
 
 /// Numbers of features `d`.
 const FEATURES: Sizes<&[usize]> = Sizes {
@@ -79,10 +77,7 @@ impl Kind {
     const ALL: [Kind; 2] = [Kind::Thesis, Kind::Blocked];
 
     fn name(self) -> &'static str {
-        match self {
-            Kind::Thesis => "as in the thesis",
-            Kind::Blocked => "with blocked moves",
-        }
+        ["as in the thesis", "with blocked moves"][self as usize]
     }
 }
 
@@ -136,11 +131,6 @@ fn prepare(lab: &Lab, (frames, transitions): (usize, usize), starts: usize) -> P
     Prepared { lab, walked, transitions, trials: Trials::new(lab, starts) }
 }
 
-/// The task in the lab's scenario, which has one of this name.
-fn task_of(lab: &Lab) -> usize {
-    lab.task_number(TASK).unwrap_or(0)
-}
-
 impl Prepared<'_> {
     fn outcome(&self, settings: &Settings, bench: &Bench<'_>) -> Result<Outcome, ExperimentError> {
         let (d, n) = (settings.features, settings.transitions);
@@ -160,7 +150,7 @@ impl Prepared<'_> {
         let actions: Vec<usize> = used.iter().map(|t| t.action.index()).collect();
         let weights = vec![1.0; n];
         let problem = Lspi::new(Samples { phi, actions: &actions, weights: &weights }, 3, Par::Seq)?;
-        let rewards = self.walked.rewards(lab, task_of(lab), used);
+        let rewards = self.walked.rewards(lab, CENTRE.0, used);
         let value = &lab.scenario.value;
         let plain =
             LspiOptions { gamma: value.gamma, max_iterations: settings.most_iterations, ..LspiOptions::plain() };
@@ -190,11 +180,11 @@ impl Prepared<'_> {
     }
 
     fn quality(&self, fit: &Fit, theory: &OptimalResponses, reflexes: Reflexes) -> Quality {
-        let trips = self.trials.evaluator.trips(task_of(self.lab), false, &|situation| {
+        let trips = self.trials.evaluator.trips(CENTRE.0, false, &|situation| {
             let waves = theory.evaluate(points(&[*situation.pose]).as_ref()).expect("the robot is near the room");
             reflexes.best(&worths(&fit.weights, &waves), situation.recent).0
         });
-        self.trials.quality(task_of(self.lab), &trips)
+        self.trials.quality(CENTRE.0, &trips)
     }
 }
 
@@ -235,7 +225,7 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
                 let settings = Settings {
                     data: data.clone(),
                     kind,
-                    task: TASK,
+                    task: CENTRE.1,
                     lighter_moves,
                     features: d,
                     transitions: sets[set],
@@ -267,8 +257,9 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
         ],
         notes: vec![
             format!(
-                "Goal {TASK}, γ = {gamma}, {starts} random starts; {trials} random first policies for each number of features; \
-                 plain LSPI has at most {MOST_ITERATIONS} evaluations."
+                "Goal {}, γ = {gamma}, {starts} random starts; {trials} random first policies for each number of features; \
+                 plain LSPI has at most {MOST_ITERATIONS} evaluations.",
+                CENTRE.1
             ),
             "More than the reference: log_γ of the mean of γ^(steps − steps of the reference policy), as in the thesis; \
              it can be negative, since the reference policy is not the best one. Quality: against the optimal number of steps."

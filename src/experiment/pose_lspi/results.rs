@@ -16,6 +16,10 @@ pub struct Findings {
     pub gamma: f64,
 }
 
+/// What steps more are counted against: qualities.
+const REFERENCE: fn(&Quality) -> f64 = |quality| quality.to_reference;
+const OPTIMUM: fn(&Quality) -> f64 = |quality| quality.quality;
+
 fn band(fitted: &[Fitted], of: impl Fn(&Quality) -> Option<f64>) -> Option<Band> {
     Band::of(fitted.iter().filter_map(|fitted| of(&fitted.quality)))
 }
@@ -32,28 +36,18 @@ fn converged(fitted: &[Fitted]) -> f64 {
 }
 
 impl Findings {
-    /// Steps more than the reference policy, as the thesis plots them: from the mean quality.
-    fn more(&self, fitted: &[Fitted]) -> Option<f64> {
-        let mean = band(fitted, |quality| Some(quality.to_reference))?.mean;
+    /// Steps more than the reference policy or the optimum, as the thesis plots them: from the mean of that quality.
+    fn more(&self, fitted: &[Fitted], than: fn(&Quality) -> f64) -> Option<f64> {
+        let mean = band(fitted, |quality| Some(than(quality)))?.mean;
         (mean > 0.0).then(|| mean.ln() / self.gamma.ln())
     }
 
-    /// Steps more than the optimum, from the mean quality.
-    fn more_than_optimum(&self, fitted: &[Fitted]) -> Option<f64> {
-        let mean = band(fitted, |quality| Some(quality.quality))?.mean;
-        (mean > 0.0).then(|| mean.ln() / self.gamma.ln())
-    }
-
-    /// The longest range of feature numbers in which a variant needs less than a step more, by a count of those.
-    fn regime(
-        &self,
-        (kind, set, variant): (Kind, usize, usize),
-        more: fn(&Self, &[Fitted]) -> Option<f64>,
-    ) -> Option<(usize, usize)> {
+    /// The longest range of feature numbers in which a variant needs less than a step more.
+    fn regime(&self, (kind, set, variant): (Kind, usize, usize), than: fn(&Quality) -> f64) -> Option<(usize, usize)> {
         let mut longest: Option<(usize, usize, usize)> = None;
         let mut here: Option<(usize, usize, usize)> = None;
         for (&(_, _, d), variants) in self.found.iter().filter(|((k, s, _), _)| (*k, *s) == (kind, set)) {
-            here = match (more(self, &variants[variant]), here) {
+            here = match (self.more(&variants[variant], than), here) {
                 (Some(more), before) if more < 1.0 => {
                     Some(before.map_or((d, d, 1), |(first, _, count)| (first, d, count + 1)))
                 }
@@ -75,33 +69,26 @@ impl Findings {
 
     /// Where policies work, and from where on they depend on the first policy.
     pub fn regimes(&self) -> Table {
-        let columns = [
-            "kind",
-            "transitions",
-            "first policy",
-            "from features",
-            "to features",
-            "thesis: from",
-            "thesis: to",
-            "unstable from",
-            "thesis: unstable beyond",
-        ];
         let title = "Numbers of features with less than one step more than the reference policy; from where on the quality depends on the first policy";
-        let mut table = Table::new(title, &columns);
+        let mut table = Table::new(title);
         for (kind, set) in Kind::ALL.into_iter().flat_map(|kind| [(kind, 0), (kind, 1)]) {
-            let drawn = self.regime((kind, set, 0), Findings::more);
+            let drawn = self.regime((kind, set, 0), REFERENCE);
             for (variant, name) in VARIANTS.iter().enumerate() {
-                let found = self.regime((kind, set, variant), Findings::more);
-                let thesis = (variant == 0).then_some(REGIME[set]);
-                let mut cells = vec![Cell::text(kind.name()), Cell::count(self.sets[set]), Cell::text(*name)];
-                for range in [found, thesis] {
-                    cells.push(Cell::maybe(range.map(|(first, _)| first as f64), 0));
-                    cells.push(Cell::maybe(range.map(|(_, last)| last as f64), 0));
-                }
+                let found = self.regime((kind, set, variant), REFERENCE);
                 let unstable = self.unstable_from(kind, set);
-                let of_drawn =
-                    |number: Option<usize>| Cell::maybe(number.filter(|_| variant == 0).map(|n| n as f64), 0);
-                cells.extend([of_drawn(unstable), of_drawn(Some(REGIME[set].1))]);
+                let number = |number: Option<usize>| number.map_or(Cell::Empty, Cell::count);
+                let of_drawn = |of: Option<usize>| number(of.filter(|_| variant == 0));
+                let row = [
+                    ("kind", Cell::text(kind.name())),
+                    ("transitions", Cell::count(self.sets[set])),
+                    ("first policy", Cell::text(*name)),
+                    ("from features", number(found.map(|range| range.0))),
+                    ("to features", number(found.map(|range| range.1))),
+                    ("thesis: from", of_drawn(Some(REGIME[set].0))),
+                    ("thesis: to", of_drawn(Some(REGIME[set].1))),
+                    ("unstable from", of_drawn(unstable)),
+                    ("thesis: unstable beyond", of_drawn(Some(REGIME[set].1))),
+                ];
                 let mut says = says_of_regime(variant, found, drawn, REGIME[set]);
                 if variant == 0 {
                     says += if unstable.is_some() {
@@ -110,7 +97,7 @@ impl Findings {
                         "; differs: never unstable"
                     };
                 }
-                table.push(cells, says);
+                table.push(row, says);
             }
         }
         table
@@ -118,38 +105,26 @@ impl Findings {
 
     /// All numbers of one kind of transitions.
     pub fn table(&self, kind: Kind) -> Table {
-        let columns = [
-            "transitions",
-            "features",
-            "first policy",
-            "settled",
-            "success",
-            "quality",
-            "deviation",
-            "more than the reference",
-            "thesis: more than the reference",
-        ];
-        let mut table = Table::new(format!("Policies by number of features, transitions {}", kind.name()), &columns);
+        let mut table = Table::new(format!("Policies by number of features, transitions {}", kind.name()));
         for (&(_, set, d), variants) in self.found.iter().filter(|((k, _, _), _)| *k == kind) {
             let over_first_policies = deviation(variants);
             for (variant, name) in VARIANTS.iter().enumerate() {
                 let fitted = &variants[variant];
-                let quality = band(fitted, |quality| Some(quality.quality));
-                let more = self.more(fitted);
+                let more = self.more(fitted, REFERENCE);
                 let inside = variant == 0 && (REGIME[set].0..=REGIME[set].1).contains(&d);
-                let cells = vec![
-                    Cell::count(self.sets[set]),
-                    Cell::count(d),
-                    Cell::text(*name),
-                    Cell::Number(converged(fitted), 2),
-                    Cell::band(band(fitted, |quality| Some(quality.success)), 3),
-                    Cell::band(quality, 3),
-                    Cell::maybe(over_first_policies.filter(|_| variant == 0), 3),
-                    Cell::maybe(more, 2),
-                    if inside { Cell::text("< 1") } else { Cell::Empty },
+                let row = [
+                    ("transitions", Cell::count(self.sets[set])),
+                    ("features", Cell::count(d)),
+                    ("first policy", Cell::text(*name)),
+                    ("settled", Cell::Number(converged(fitted), 2)),
+                    ("success", Cell::band(band(fitted, |quality| Some(quality.success)), 3)),
+                    ("quality", Cell::band(band(fitted, |quality| Some(quality.quality)), 3)),
+                    ("deviation", Cell::maybe(over_first_policies.filter(|_| variant == 0), 3)),
+                    ("more than the reference", Cell::maybe(more, 2)),
+                    ("thesis: more than the reference", if inside { Cell::text("< 1") } else { Cell::Empty }),
                 ];
                 let unstable = over_first_policies.is_some_and(|deviation| deviation > UNSTABLE);
-                table.push(cells, says(variant, d, REGIME[set], more, unstable));
+                table.push(row, says(variant, d, REGIME[set], more, unstable));
             }
         }
         table
@@ -173,17 +148,18 @@ impl Findings {
         let mut plots = Vec::new();
         for kind in Kind::ALL {
             let name = if kind == Kind::Thesis { "thesis" } else { "blocked" };
-            let quality = chart(
+            plots.push(chart(
+                &format!("quality-{name}.svg"),
                 &format!("Convergence quality, transitions {}", kind.name()),
                 (&x, &Axis::new("quality C against the optimum").within(0.0, 1.0)),
                 &lines(kind, &|quality| Some(quality.quality)),
-            )?;
-            let more = chart(
+            )?);
+            plots.push(chart(
+                &format!("steps-{name}.svg"),
                 &format!("Steps more than the reference policy, transitions {}", kind.name()),
                 (&x, &Axis::new("log_γ C against the reference").within(-1.5, 8.0)),
                 &lines(kind, &|quality| quality.more_than_reference),
-            )?;
-            plots.extend([(format!("quality-{name}.svg"), quality), (format!("steps-{name}.svg"), more)]);
+            )?);
         }
         Ok(plots)
     }
@@ -194,20 +170,16 @@ impl Findings {
 ///
 /// The optimum, not the reference policy: where that takes eighty steps along a wall, one start counts as thousands.
 pub fn conditions(first: &Findings, others: &[Findings], regime: &[usize]) -> Table {
-    let columns = ["condition", "first policy", "success, mean of these"].map(str::to_owned).into_iter();
-    let columns = columns.chain(regime.iter().map(|d| format!("{d} features"))).chain(["works from, to".to_owned()]);
-    let columns: Vec<String> = columns.collect();
-    let names: Vec<&str> = columns.iter().map(String::as_str).collect();
     let title = format!(
         "What decides whether {} to {} features work: steps more than the optimum, transitions {}",
         REGIME[0].0,
         REGIME[0].1,
         Kind::Thesis.name()
     );
-    let mut table = Table::new(title, &names);
+    let mut table = Table::new(title);
     for (found, (what, _, _, whole)) in std::iter::once(first).chain(others).zip(CONDITIONS) {
         let steps_of = |variant: usize| -> Vec<Option<f64>> {
-            let of = |d: &usize| found.more_than_optimum(&found.found.get(&(Kind::Thesis, 0, *d))?[variant]);
+            let of = |d: &usize| found.more(&found.found.get(&(Kind::Thesis, 0, *d))?[variant], OPTIMUM);
             regime.iter().map(of).collect()
         };
         let drawn = steps_of(0);
@@ -215,14 +187,18 @@ pub fn conditions(first: &Findings, others: &[Findings], regime: &[usize]) -> Ta
             let steps = steps_of(variant);
             let fitted = regime.iter().filter_map(|d| found.found.get(&(Kind::Thesis, 0, *d)));
             let success = Band::of(fitted.flat_map(|of| &of[variant]).map(|fitted| fitted.quality.success));
-            let mut cells =
-                vec![Cell::text(what), Cell::text(VARIANTS[variant]), Cell::maybe(success.map(|band| band.mean), 3)];
-            cells.extend(steps.iter().map(|&more| Cell::maybe(more, 2)));
-            cells.push(match found.regime((Kind::Thesis, 0, variant), Findings::more_than_optimum) {
+            let works = match found.regime((Kind::Thesis, 0, variant), OPTIMUM) {
                 _ if !whole => Cell::Empty,
                 Some((from, to)) => Cell::text(format!("{from} to {to}")),
                 None => Cell::text("none"),
-            });
+            };
+            let mut row = vec![
+                ("condition".into(), Cell::text(what)),
+                ("first policy".into(), Cell::text(VARIANTS[variant])),
+                ("success, mean of these".into(), Cell::maybe(success.map(|band| band.mean), 3)),
+            ];
+            row.extend(regime.iter().zip(&steps).map(|(d, more)| (format!("{d} features"), Cell::maybe(*more, 2))));
+            row.push(("works from, to".into(), works));
             let below = steps.iter().flatten().filter(|&&more| more < 1.0).count();
             let is_better = |(more, drawn): &(&Option<f64>, &Option<f64>)| {
                 more.zip(**drawn).is_some_and(|(more, drawn)| more + 0.5 < drawn)
@@ -234,7 +210,7 @@ pub fn conditions(first: &Findings, others: &[Findings], regime: &[usize]) -> Ta
                 (0, some) => format!("agrees with {some} of {}", steps.len()),
                 _ => format!("half a step better than from drawn actions, or more, with {better} of {}", steps.len()),
             };
-            table.push(cells, verdict);
+            table.push(row, verdict);
         }
     }
     table
@@ -258,11 +234,8 @@ fn says_of_regime(
         }
         (1, Some(found), Some(drawn)) => {
             let times = found.1 as f64 / drawn.1 as f64;
-            if times >= 1.5 {
-                format!("agrees: {times:.1} times as far as from drawn actions (thesis: about twice)")
-            } else {
-                format!("differs: {times:.1} times as far as from drawn actions (thesis: about twice)")
-            }
+            let verdict = if times >= 1.5 { "agrees" } else { "differs" };
+            format!("{verdict}: {times:.1} times as far as from drawn actions (thesis: about twice)")
         }
         (1, _, _) => "differs: there is none to compare (thesis: about twice that of drawn actions)".into(),
         _ => "not in the thesis".into(),
@@ -312,9 +285,9 @@ mod tests {
         let good = [(10, false), (20, true), (30, true), (40, false), (50, true)];
         let found = good.into_iter().map(|(d, good)| ((Kind::Blocked, 0, d), at(good))).collect();
         let shown = Findings { found, sets: [100, 50], gamma: 0.9 };
-        let regime = |kind, set| shown.regime((kind, set, 0), Findings::more);
+        let regime = |kind, set| shown.regime((kind, set, 0), REFERENCE);
         assert_eq!(regime(Kind::Blocked, 0), Some((20, 30)));
         assert_eq!((regime(Kind::Blocked, 1), regime(Kind::Thesis, 0)), (None, None));
-        assert!((shown.more(&fitted(0.81)).unwrap() - 2.0).abs() < 1e-9);
+        assert!((shown.more(&fitted(0.81), REFERENCE).unwrap() - 2.0).abs() < 1e-9);
     }
 }

@@ -20,7 +20,7 @@ use super::plot::{Line, chart as lines_chart};
 use super::quality::{Quality, Trials};
 use super::trained::{Trained, learned};
 use super::{Band, Bench, Cell, Experiment, ExperimentError, Once, Results, Sizes, Table, local, planned};
-use crate::evaluate::{Situation, Trip, decode_pose};
+use crate::evaluate::{Situation, decode_pose};
 use crate::policy::Reflexes;
 use crate::report::draw::{Axis, INK, Mark, Panel, Panels, SERIES};
 use crate::robot::{ActionValues, Pose};
@@ -61,18 +61,14 @@ enum Method {
 }
 
 impl Method {
-    const ALL: [Method; 5] =
-        [Method::Slam, Method::DeadReckoning, Method::Adagio, Method::TruePose, Method::SlamByImage];
-
-    fn name(self) -> &'static str {
-        match self {
-            Method::Slam => "SLAM and planner",
-            Method::DeadReckoning => "the same without closures",
-            Method::Adagio => "slow features, local values",
-            Method::TruePose => "true pose and planner",
-            Method::SlamByImage => "SLAM that judges each image alone",
-        }
-    }
+    /// All of them, with their names.
+    const ALL: [(Method, &str); 5] = [
+        (Method::Slam, "SLAM and planner"),
+        (Method::DeadReckoning, "the same without closures"),
+        (Method::Adagio, "slow features, local values"),
+        (Method::TruePose, "true pose and planner"),
+        (Method::SlamByImage, "SLAM that judges each image alone"),
+    ];
 }
 
 /// When policies are tried: in the world that was learned, with one wall papered anew, and learned on there.
@@ -151,9 +147,9 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     for &seed in scope.seeds.iter() {
         let labs = [Lab::world(LAB, seed, &sets(seed))?, Lab::repapered(LAB, seed, WALL, &sets(seed))?];
         let ground = Once::default();
-        for (method, outcomes) in Method::ALL.into_iter().zip(&mut found) {
+        for ((method, name), outcomes) in Method::ALL.into_iter().zip(&mut found) {
             let settings = Settings { data: Data::new(&labs[0], actions), vectors, starts, method, wall: WALL };
-            outcomes.push(bench.result(&format!("{}, seed {seed}", method.name()), &settings, || {
+            outcomes.push(bench.result(&format!("{name}, seed {seed}"), &settings, || {
                 let ground = ground.get(|| Ground::new(&labs, actions, starts, bench))?;
                 let (first, mut driven) = tried(method, ground, (actions, &[0, 1]), vectors, bench)?;
                 let (second, on) = tried(method, ground, (2 * actions, &[1]), vectors, bench)?;
@@ -206,7 +202,7 @@ fn tried(
         let decide = |situation: &Situation<'_>, task: usize| {
             situation.seen.map_or(ActionValues::new([]), |seen| learned.q_values(seen, task)).to_vec()
         };
-        let driven = worlds.iter().map(|&world| drive(&ground.trials[world], ground.labs, true, &decide, bench));
+        let driven = worlds.iter().map(|&world| drive(&ground.trials[world], true, &decide, bench));
         return Ok((Learning { seconds, error, ..Learning::default() }, driven.collect::<Result<_, _>>()?));
     }
     let (chart, map) = match method {
@@ -222,18 +218,9 @@ fn tried(
     if map.is_some() {
         learning.describe(&chart, &walked.poses, &aligned);
     }
-    let driven = worlds.iter().map(|&world| {
-        let trials = &ground.trials[world];
-        let located = Located {
-            lab,
-            map: map.as_ref(),
-            planner: (&planner, &fits),
-            aligned,
-            starts: trials.reference[0].len(),
-            forgets: method == Method::SlamByImage,
-        };
-        located.drive(trials, ground.labs, bench)
-    });
+    let forgets = method == Method::SlamByImage;
+    let located = Located { lab, map: map.as_ref(), planner: (&planner, &fits), aligned, forgets };
+    let driven = worlds.iter().map(|&world| located.drive(&ground.trials[world], bench));
     Ok((learning, driven.collect::<Result<_, _>>()?))
 }
 
@@ -282,15 +269,14 @@ struct Located<'a> {
     planner: (&'a Planner<'a>, &'a [Fit]),
     /// Where the map lies in the room.
     aligned: Pose,
-    starts: usize,
     /// Whether it knows nothing of what was before an image.
     forgets: bool,
 }
 
 impl Located<'_> {
-    fn drive(&self, trials: &Trials<'_>, labs: &[Lab; 2], bench: &Bench<'_>) -> Result<Driven, ExperimentError> {
+    fn drive(&self, trials: &Trials<'_>, bench: &Bench<'_>) -> Result<Driven, ExperimentError> {
         let (astray, unit) = (Mutex::new(Vec::new()), self.lab.scenario.robot.forward);
-        let beliefs: Vec<Mutex<Belief>> = (0..self.starts).map(|_| Mutex::default()).collect();
+        let beliefs: Vec<Mutex<Belief>> = trials.reference[0].iter().map(|_| Mutex::default()).collect();
         let decide = |situation: &Situation<'_>, task: usize| {
             let (planner, fits) = self.planner;
             let place = match (self.map, situation.seen) {
@@ -312,7 +298,7 @@ impl Located<'_> {
             };
             planned::values(self.lab, (planner, &fits[task]), place)
         };
-        let driven = drive(trials, labs, self.map.is_some(), &decide, bench)?;
+        let driven = drive(trials, self.map.is_some(), &decide, bench)?;
         let mut astray = astray.into_inner().expect("no trial panics");
         astray.sort_by(f64::total_cmp);
         Ok(Driven { astray: astray.get(astray.len() / 2).copied(), ..driven })
@@ -322,7 +308,6 @@ impl Located<'_> {
 /// Trials by what actions are worth, with and without reflexes.
 fn drive(
     trials: &Trials<'_>,
-    labs: &[Lab; 2],
     camera: bool,
     decide: &(dyn Fn(&Situation<'_>, usize) -> Vec<f64> + Sync),
     bench: &Bench<'_>,
@@ -338,35 +323,33 @@ fn drive(
                 decisions.fetch_add(1, Ordering::Relaxed);
                 reflexes.best(&values, situation.recent).0
             };
-            let trips: Vec<Trip> = trials.evaluator.trips(task, camera, &choose);
-            Ok(trials.quality(task, &trips))
+            Ok(trials.quality(task, &trials.evaluator.trips(task, camera, &choose)))
         };
-        (0..labs[0].scenario.tasks.len()).map(of_task).collect::<Result<Vec<Quality>, ExperimentError>>()
+        (0..trials.lab.scenario.tasks.len()).map(of_task).collect::<Result<Vec<Quality>, ExperimentError>>()
     };
-    let reflexes = Reflexes::new(&labs[0].scenario);
+    let reflexes = Reflexes::new(&trials.lab.scenario);
     let (with_reflexes, without) = (qualities(reflexes)?, qualities(reflexes.off())?);
     let milliseconds = 1e-6 * nanoseconds.into_inner() as f64 / decisions.into_inner().max(1) as f64;
     Ok(Driven { with_reflexes, without, astray: None, milliseconds })
 }
 
 fn maps(found: &[Vec<Outcome>]) -> Table {
-    let columns = ["method", "walk", "position, m", "heading, °", "closures", "wrong closures", "seconds to learn"];
-    let mut table = Table::new("Where keyframes lie, and what learning takes", &columns);
-    for (method, outcomes) in Method::ALL.into_iter().zip(found) {
+    let mut table = Table::new("Where keyframes lie, and what learning takes");
+    for ((_, method), outcomes) in Method::ALL.into_iter().zip(found) {
         for (half, walk) in ["before the change", "all"].into_iter().enumerate() {
-            let band = |of: &dyn Fn(&Learning) -> Option<f64>| {
-                Band::of(outcomes.iter().filter_map(|outcome| of(&outcome.learned[half])))
+            let band = |of: fn(&Learning) -> Option<f64>, digits| {
+                Cell::band(Band::of(outcomes.iter().filter_map(|outcome| of(&outcome.learned[half]))), digits)
             };
-            let cells = vec![
-                Cell::text(method.name()),
-                Cell::text(walk),
-                Cell::band(band(&|learning| Some(learning.error?.0)), 3),
-                Cell::band(band(&|learning| Some(learning.error?.1)), 1),
-                Cell::band(band(&|learning| Some(learning.closures?.0 as f64)), 0),
-                Cell::band(band(&|learning| Some(learning.closures?.1 as f64)), 0),
-                Cell::band(band(&|learning| Some(learning.seconds)), 1),
+            let row = [
+                ("method", Cell::text(method)),
+                ("walk", Cell::text(walk)),
+                ("position, m", band(|learning| Some(learning.error?.0), 3)),
+                ("heading, °", band(|learning| Some(learning.error?.1), 1)),
+                ("closures", band(|learning| Some(learning.closures?.0 as f64), 0)),
+                ("wrong closures", band(|learning| Some(learning.closures?.1 as f64), 0)),
+                ("seconds to learn", band(|learning| Some(learning.seconds), 1)),
             ];
-            table.push(cells, "not in the thesis");
+            table.push(row, "not in the thesis");
         }
     }
     table
@@ -377,33 +360,23 @@ fn mean(qualities: &[Quality], of: fn(&Quality) -> f64) -> f64 {
 }
 
 fn ways(found: &[Vec<Outcome>]) -> Table {
-    let columns = [
-        "method",
-        "world",
-        "success",
-        "quality",
-        "success without reflexes",
-        "quality without reflexes",
-        "median error of the place, m",
-        "ms a decision",
-    ];
-    let mut table = Table::new("How policies drive", &columns);
-    for (method, outcomes) in Method::ALL.into_iter().zip(found) {
+    let mut table = Table::new("How policies drive");
+    for ((_, method), outcomes) in Method::ALL.into_iter().zip(found) {
         for (phase, name) in PHASES.into_iter().enumerate() {
-            let band = |of: &dyn Fn(&Driven) -> Option<f64>| {
-                Band::of(outcomes.iter().filter_map(|outcome| of(&outcome.driven[phase])))
+            let band = |of: fn(&Driven) -> Option<f64>| {
+                Cell::band(Band::of(outcomes.iter().filter_map(|outcome| of(&outcome.driven[phase]))), 3)
             };
-            let cells = vec![
-                Cell::text(method.name()),
-                Cell::text(name),
-                Cell::band(band(&|driven| Some(mean(&driven.with_reflexes, |q| q.success))), 3),
-                Cell::band(band(&|driven| Some(mean(&driven.with_reflexes, |q| q.quality))), 3),
-                Cell::band(band(&|driven| Some(mean(&driven.without, |q| q.success))), 3),
-                Cell::band(band(&|driven| Some(mean(&driven.without, |q| q.quality))), 3),
-                Cell::band(band(&|driven| driven.astray), 3),
-                Cell::band(band(&|driven| Some(driven.milliseconds)), 3),
+            let row = [
+                ("method", Cell::text(method)),
+                ("world", Cell::text(name)),
+                ("success", band(|driven| Some(mean(&driven.with_reflexes, |q| q.success)))),
+                ("quality", band(|driven| Some(mean(&driven.with_reflexes, |q| q.quality)))),
+                ("success without reflexes", band(|driven| Some(mean(&driven.without, |q| q.success)))),
+                ("quality without reflexes", band(|driven| Some(mean(&driven.without, |q| q.quality)))),
+                ("median error of the place, m", band(|driven| driven.astray)),
+                ("ms a decision", band(|driven| Some(driven.milliseconds))),
             ];
-            table.push(cells, "not in the thesis");
+            table.push(row, "not in the thesis");
         }
     }
     table
@@ -411,7 +384,7 @@ fn ways(found: &[Vec<Outcome>]) -> Table {
 
 /// What a method is given beside images, actions and rewards.
 fn needs() -> Table {
-    let mut table = Table::new("What each needs", &["what", "SLAM and planner", "slow features, local values"]);
+    let mut table = Table::new("What each needs");
     for (what, slam, adagio) in [
         ("odometry and its noise", "yes", "no"),
         ("what each action does to the pose, in metres and degrees", "yes", "no"),
@@ -422,24 +395,25 @@ fn needs() -> Table {
         ("how much moves weigh against turns", "no", "one number, here by the walk's true speeds"),
         ("can say where it is in metres", "yes", "no; only by regression on known poses"),
     ] {
-        table.push([what, slam, adagio].map(Cell::text).to_vec(), "not in the thesis");
+        let row = [("what", what), ("SLAM and planner", slam), ("slow features, local values", adagio)];
+        table.push(row.map(|(column, text)| (column, Cell::text(text))), "not in the thesis");
     }
     table
 }
 
 fn plots(lab: &Lab, found: &[Vec<Outcome>]) -> Result<Vec<(String, String)>, ExperimentError> {
-    let success = |(number, method): (usize, Method)| {
+    let success = |(number, (_, method)): (usize, (Method, &str))| {
         let of = |phase: usize| {
             let outcomes = found[number].iter();
             let quality = outcomes.map(|outcome| mean(&outcome.driven[phase].with_reflexes, |q| q.quality));
             ((phase + 1) as f64, Band::of(quality))
         };
-        Line::new(method.name(), number, (0..PHASES.len()).map(of))
+        Line::new(method, number, (0..PHASES.len()).map(of))
     };
     let lines: Vec<Line> = Method::ALL.into_iter().enumerate().map(success).collect();
     let x = Axis::new("1: as learned, 2: wall papered anew, 3: learned on there");
     let y = Axis::new("convergence quality C").within(0.0, 1.0);
-    let quality = lines_chart("Quality before and after a wall is papered anew", (&x, &y), &lines)?;
+    let quality = lines_chart("quality.svg", "Quality before and after a wall is papered anew", (&x, &y), &lines)?;
     let walls = lab.scenario.world.walls.iter().flat_map(plan_segments);
     let outline = walls.map(|(a, b)| Mark::Line(vec![a.into(), b.into()], INK.into(), 2)).collect();
     let (low, high) = lab.world.plan.walls_box();
@@ -455,5 +429,5 @@ fn plots(lab: &Lab, found: &[Vec<Outcome>]) -> Result<Vec<(String, String)>, Exp
         key: vec![(SERIES[0], "keyframe on the map".into()), (SERIES[4], "to where it was in truth".into())],
         ..Panels::new("The map of SLAM in the true room", (low.into(), high.into()), vec![Panel::of(marks.collect())])
     };
-    Ok(vec![("map.svg".into(), map.svg()?), ("quality.svg".into(), quality)])
+    Ok(vec![("map.svg".into(), map.svg()?), quality])
 }

@@ -6,8 +6,8 @@ use serde::{Deserialize, Serialize};
 
 use super::{room_of, rooms};
 use crate::experiment::lab::Lab;
-use crate::experiment::maps::{Grid, HEADINGS};
-use crate::experiment::spans::{by_place, standardised};
+use crate::experiment::maps::{Grid, HEADINGS, angle};
+use crate::experiment::spans::{by_place, mean, standardised};
 use crate::robot::Pose;
 
 /// Steps in which values of maps are kept.
@@ -80,15 +80,13 @@ impl Floor {
 
     /// All poses: for each heading all places.
     pub fn poses(&self) -> Vec<Pose> {
-        let angle = |heading: usize| std::f64::consts::TAU * heading as f64 / HEADINGS as f64;
         (0..HEADINGS).flat_map(|h| self.places.iter().map(move |&place| Pose::new(place, angle(h)))).collect()
     }
 
     /// Where a function lives, from its values at all poses, which have mean 0 over the floor as far as training went.
     pub fn look(&self, lab: &Lab, values: &[f64], slowness: f64) -> Single {
         let n = self.places.len();
-        let map: Vec<f64> =
-            (0..n).map(|p| (0..HEADINGS).map(|h| values[h * n + p]).sum::<f64>() / HEADINGS as f64).collect();
+        let map: Vec<f64> = (0..n).map(|p| mean((0..HEADINGS).map(|h| values[h * n + p]))).collect();
         let square = |values: &mut dyn Iterator<Item = f64>| values.map(|value| value * value).sum::<f64>();
         let all = square(&mut map.iter().copied()).max(f64::MIN_POSITIVE);
         let deviation = (all / n as f64).sqrt();

@@ -166,8 +166,7 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
 
 /// What the thesis says of its first six filters, counted.
 fn claims(outcomes: &[Outcome]) -> Table {
-    let columns = ["thesis: claim", "thesis: of six", "features here", "optimal responses here"];
-    let mut table = Table::new("What the thesis says of its first six filters, and how many of ours are so", &columns);
+    let mut table = Table::new("What the thesis says of its first six filters, and how many of ours are so");
     type Holds = fn(&Single) -> bool;
     let rows: [(&str, usize, Holds); 4] = [
         ("positive in one room, negative in the other (filter 1)", 1, Single::tells_rooms_apart),
@@ -188,51 +187,30 @@ fn claims(outcomes: &[Outcome]) -> Table {
         } else {
             format!("differs: {}", if mean < theirs as f64 { "fewer" } else { "more" })
         };
-        let cells = vec![
-            Cell::text(claim),
-            Cell::count(theirs),
-            Cell::band(ours, 0),
-            Cell::band(count(|outcome| &outcome.theory), 0),
+        let row = [
+            ("thesis: claim", Cell::text(claim)),
+            ("thesis: of six", Cell::count(theirs)),
+            ("features here", Cell::band(ours, 0)),
+            ("optimal responses here", Cell::band(count(|outcome| &outcome.theory), 0)),
         ];
-        table.push(cells, says);
+        table.push(row, says);
     }
     table
 }
 
 /// Columns that say where a function lives.
-fn lives(lab: &Lab, single: &Single) -> Vec<Cell> {
+fn lives(lab: &Lab, single: &Single) -> [(String, Cell); 7] {
     let (room, [x, y], correlation) = single.wave;
-    let [temple, court] = single.means;
-    vec![
-        Cell::Number(temple, 2),
-        Cell::Number(court, 2),
-        Cell::Number(single.shares[0], 2),
-        Cell::Number(single.shares[1], 2),
-        Cell::Number(single.shares[2], 2),
-        Cell::text(format!("{}: φ({x} {y})", rooms(lab)[room].name)),
-        Cell::Number(correlation, 2),
-    ]
-}
-
-fn lives_columns(lab: &Lab) -> Vec<String> {
-    let [one, other, between] = rooms(lab).map(|room| &room.name);
-    vec![
-        format!("mean, {one}"),
-        format!("mean, {other}"),
-        format!("share, {one}"),
-        format!("share, {other}"),
-        format!("share, {between}"),
-        "wave in its room".into(),
-        "correlation there".into(),
-    ]
+    let rooms = rooms(lab);
+    let mean = |room: usize| (format!("mean, {}", rooms[room].name), Cell::Number(single.means[room], 2));
+    let share = |room: usize| (format!("share, {}", rooms[room].name), Cell::Number(single.shares[room], 2));
+    let wave = Cell::text(format!("{}: φ({x} {y})", rooms[room].name));
+    let correlation = ("correlation there".into(), Cell::Number(correlation, 2));
+    [mean(0), mean(1), share(0), share(1), share(2), ("wave in its room".into(), wave), correlation]
 }
 
 fn features(lab: &Lab, outcome: &Outcome, seed: u64) -> Table {
-    let mut columns: Vec<String> = ["feature", "slowness, 1/s²", "by place alone"].map(Into::into).into();
-    columns.extend(lives_columns(lab));
-    columns.extend(["most like response", "correlation", "explained by 30", "thesis: its filter"].map(Into::into));
-    let names: Vec<&str> = columns.iter().map(String::as_str).collect();
-    let mut table = Table::new(format!("The first features, seed {seed}"), &names);
+    let mut table = Table::new(format!("The first features, seed {seed}"));
     for (i, single) in outcome.features.iter().enumerate() {
         let (thesis, agrees) = match i {
             0 => ("tells the rooms apart", single.tells_rooms_apart()),
@@ -240,13 +218,17 @@ fn features(lab: &Lab, outcome: &Outcome, seed: u64) -> Table {
             2 | 4 => ("φ(0 1) in one room", single.is_wave([0, 1])),
             _ => ("in the centre of both rooms", !single.is_of_one_room() && !single.tells_rooms_apart()),
         };
-        let mut cells = vec![Cell::count(i + 1), Cell::Number(single.slowness, 4), Cell::Number(single.by_place, 2)];
-        cells.extend(lives(lab, single));
-        cells.extend([
-            Cell::count(single.best.0),
-            Cell::Number(single.best.1, 2),
-            Cell::Number(single.explained, 2),
-            Cell::text(thesis),
+        let mut row = vec![
+            ("feature".into(), Cell::count(i + 1)),
+            ("slowness, 1/s²".into(), Cell::Number(single.slowness, 4)),
+            ("by place alone".into(), Cell::Number(single.by_place, 2)),
+        ];
+        row.extend(lives(lab, single));
+        row.extend([
+            ("most like response".into(), Cell::count(single.best.0)),
+            ("correlation".into(), Cell::Number(single.best.1, 2)),
+            ("explained by 30".into(), Cell::Number(single.explained, 2)),
+            ("thesis: its filter".into(), Cell::text(thesis)),
         ]);
         let says = match (agrees, single.tells_rooms_apart(), single.is_of_one_room()) {
             (true, ..) => "agrees".to_owned(),
@@ -254,7 +236,7 @@ fn features(lab: &Lab, outcome: &Outcome, seed: u64) -> Table {
             (_, _, true) => format!("differs: of one room, {}", wave(lab, single)),
             _ => "differs: in both rooms".to_owned(),
         };
-        table.push(cells, says);
+        table.push(row, says);
     }
     table
 }
@@ -266,29 +248,24 @@ fn wave(lab: &Lab, single: &Single) -> String {
 }
 
 fn theory(lab: &Lab, outcome: &Outcome) -> Table {
-    let mut columns: Vec<String> = ["number", "slowness, 1/s²"].map(Into::into).into();
-    columns.extend(lives_columns(lab));
-    let names: Vec<&str> = columns.iter().map(String::as_str).collect();
-    let mut table =
-        Table::new("The slowest optimal responses of the floor plan that depend on the place alone", &names);
+    let mut table = Table::new("The slowest optimal responses of the floor plan that depend on the place alone");
     for single in &outcome.theory {
-        let mut cells = vec![Cell::count(single.best.0), Cell::Number(single.slowness, 4)];
-        cells.extend(lives(lab, single));
-        table.push(cells, "not known to the thesis");
+        let slowness = ("slowness, 1/s²".into(), Cell::Number(single.slowness, 4));
+        let row = [("number".into(), Cell::count(single.best.0)), slowness];
+        table.push(row.into_iter().chain(lives(lab, single)), "not known to the thesis");
     }
     table
 }
 
 fn overlaps(outcomes: &[Outcome]) -> Table {
-    let mut table = Table::new(
-        "The span of the first features and that of as many optimal responses (overlap: mean cos²)",
-        &["features and responses", "overlap"],
-    );
+    let mut table =
+        Table::new("The span of the first features and that of as many optimal responses (overlap: mean cos²)");
     for size in SETS {
         let of = outcomes.iter().flat_map(|outcome| &outcome.overlaps).filter(|(found, _)| *found == size);
         let values: Vec<f64> = of.map(|(_, overlap)| *overlap).collect();
         if !values.is_empty() {
-            table.push(vec![Cell::count(size), Cell::band(Band::of(&values), 3)], "not in the thesis");
+            let overlap = ("overlap", Cell::band(Band::of(&values), 3));
+            table.push([("features and responses", Cell::count(size)), overlap], "not in the thesis");
         }
     }
     table
@@ -296,10 +273,7 @@ fn overlaps(outcomes: &[Outcome]) -> Table {
 
 /// How far features are from the optimum under each condition.
 fn conditions(found: &[Vec<Outcome>], pairs: usize) -> Table {
-    let mut table = Table::new(
-        format!("What the slowness of the first {SINGLE} features depends on"),
-        &["condition", "pairs", "support vectors", "first, 1/s²", "mean, 1/s²", "by place alone", "explained by 30"],
-    );
+    let mut table = Table::new(format!("What the slowness of the first {SINGLE} features depends on"));
     let band = |outcomes: &[Outcome], of: &dyn Fn(&Outcome) -> f64, digits| {
         Cell::band(Band::of(outcomes.iter().map(of)), digits)
     };
@@ -309,34 +283,33 @@ fn conditions(found: &[Vec<Outcome>], pairs: usize) -> Table {
     };
     for (outcomes, (what, fewer, ..)) in found.iter().zip(CONDITIONS) {
         let of = |value: fn(&Single) -> f64| move |outcome: &Outcome| mean(&mut outcome.features.iter().map(value));
-        let cells = vec![
-            Cell::text(what),
-            Cell::count(pairs / fewer),
-            band(outcomes, &|outcome| outcome.support_vectors as f64, 0),
-            band(outcomes, &|outcome| outcome.features[0].slowness, 4),
-            band(outcomes, &of(|single| single.slowness), 4),
-            band(outcomes, &of(|single| single.by_place), 2),
-            band(outcomes, &of(|single| single.explained), 2),
+        let row = [
+            ("condition", Cell::text(what)),
+            ("pairs", Cell::count(pairs / fewer)),
+            ("support vectors", band(outcomes, &|outcome| outcome.support_vectors as f64, 0)),
+            ("first, 1/s²", band(outcomes, &|outcome| outcome.features[0].slowness, 4)),
+            ("mean, 1/s²", band(outcomes, &of(|single| single.slowness), 4)),
+            ("by place alone", band(outcomes, &of(|single| single.by_place), 2)),
+            ("explained by 30", band(outcomes, &of(|single| single.explained), 2)),
         ];
-        table.push(cells, "not in the thesis");
+        table.push(row, "not in the thesis");
     }
-    let none = || Cell::text("");
     let optimal = &found[0];
-    let cells = vec![
-        Cell::text("optimal responses at the true poses"),
-        Cell::count(pairs),
-        none(),
-        band(optimal, &|outcome| outcome.optimal[0], 4),
-        band(optimal, &|outcome| mean(&mut outcome.optimal[..SINGLE.min(outcome.optimal.len())].iter().copied()), 4),
-        none(),
-        none(),
+    let of_mean = |outcome: &Outcome| mean(&mut outcome.optimal.iter().take(SINGLE).copied());
+    let row = [
+        ("condition", Cell::text("optimal responses at the true poses")),
+        ("pairs", Cell::count(pairs)),
+        ("support vectors", Cell::text("")),
+        ("first, 1/s²", band(optimal, &|outcome| outcome.optimal[0], 4)),
+        ("mean, 1/s²", band(optimal, &of_mean, 4)),
+        ("by place alone", Cell::text("")),
+        ("explained by 30", Cell::text("")),
     ];
-    table.push(cells, "not in the thesis");
+    table.push(row, "not in the thesis");
     table
 }
 
 fn plots(lab: &Lab, outcome: &Outcome, grid: Grid) -> Result<Vec<(String, String)>, ExperimentError> {
-    let (low, high) = lab.world.plan.reachable_box();
     let floor = Floor::new(lab, grid);
     let map = |name: String, single: &Single| {
         let mut values = vec![None; floor.grid.places()];
@@ -354,7 +327,6 @@ fn plots(lab: &Lab, outcome: &Outcome, grid: Grid) -> Result<Vec<(String, String
     };
     let mut all = lines("feature", &outcome.features);
     all.extend(lines("optimal of the place,", &outcome.theory));
-    let aspect = (high.y - low.y) / (high.x - low.x);
     let title = "Mean response of headings: features, and optimal responses";
-    Ok(vec![("maps.svg".into(), sheet(title, grid, aspect, &all)?)])
+    Ok(vec![sheet("maps.svg", title, (grid, lab.aspect()), &all)?])
 }

@@ -22,7 +22,6 @@ use crate::experiment::{Band, Bench, Experiment, ExperimentError, Once, Results,
 use crate::policy::Reflexes;
 use crate::robot::{Action, Pose};
 use crate::slow::SlowModel;
-use crate::slow::region::RegionResponses;
 use crate::slow::theory::{OptimalResponses, plane_motion};
 use crate::value::{Fit, Lspi, Outcomes, Samples};
 
@@ -69,11 +68,7 @@ impl Features {
     const ALL: [Features; 3] = [Features::Trigonometric, Features::Optimal, Features::Vision];
 
     fn name(self) -> &'static str {
-        match self {
-            Features::Trigonometric => "true pose: trigonometric",
-            Features::Optimal => "true pose: optimal responses",
-            Features::Vision => "slow features of images",
-        }
+        ["true pose: trigonometric", "true pose: optimal responses", "slow features of images"][self as usize]
     }
 }
 
@@ -107,14 +102,14 @@ pub struct Policy {
     pub across: Option<Quality>,
 }
 
-/// Features of all frames of the pairs, `f × n`, the constant one first, and what makes them of a pose or image.
+/// What makes features, without the constant one, of poses; or with it, of images.
 enum Source {
-    Trigonometric(OptimalResponses),
-    Optimal(RegionResponses),
-    Vision(SlowModel<f32>),
+    Poses(Box<dyn Fn(&[Pose]) -> Mat<f64> + Sync>),
+    Images(SlowModel<f32>),
 }
 
 struct Made {
+    /// Features of all frames of the pairs, `f × n`, the constant one first.
     phi: Mat<f64>,
     source: Source,
 }
@@ -134,24 +129,23 @@ impl<'a> Shared<'a> {
 
     fn make(&self, settings: &Settings, most: usize, bench: &Bench<'_>) -> Result<Made, ExperimentError> {
         let (lab, pairs) = (self.lab, &self.pairs);
-        Ok(match settings.kind {
+        let of_poses: Box<dyn Fn(&[Pose]) -> Mat<f64> + Sync> = match settings.kind {
             Features::Trigonometric => {
                 let (speed, turn) = speeds(lab, pairs);
                 let waves = OptimalResponses::slowest(&lab.axes()?, &plane_motion(speed, turn), most - 1)?;
-                let phi = with_one(&waves.evaluate(points(&pairs.poses).as_ref())?);
-                Made { phi, source: Source::Trigonometric(waves) }
+                let of = move |poses: &[Pose]| waves.evaluate(points(poses).as_ref());
+                Box::new(move |poses: &[Pose]| of(poses).expect("the robot is near the rooms"))
             }
             Features::Optimal => {
                 let responses = optimal_responses(lab, pairs, most - 1)?;
-                let phi = with_one(&responses.evaluate(points(&pairs.poses).as_ref()));
-                Made { phi, source: Source::Optimal(responses) }
+                Box::new(move |poses: &[Pose]| responses.evaluate(points(poses).as_ref()))
             }
             Features::Vision => {
                 let (frames, model) = train(lab, pairs, &settings.training, bench)?;
-                let phi = apply(&model, frames.as_ref(), bench)?;
-                Made { phi, source: Source::Vision(model) }
+                return Ok(Made { phi: apply(&model, frames.as_ref(), bench)?, source: Source::Images(model) });
             }
-        })
+        };
+        Ok(Made { phi: with_one(&of_poses(&pairs.poses)), source: Source::Poses(of_poses) })
     }
 
     fn outcome(&self, settings: &Settings, made: &Made, bench: &Bench<'_>) -> Result<Outcome, ExperimentError> {
@@ -175,27 +169,20 @@ impl<'a> Shared<'a> {
         let tasks = 0..lab.scenario.tasks.len();
         let policies = tasks.map(|task| Iteration::ALL.iter().map(|&iteration| policy(task, iteration)).collect());
         let support_vectors = match &made.source {
-            Source::Vision(model) => Some(model.members.ncols()),
-            _ => None,
+            Source::Images(model) => Some(model.members.ncols()),
+            Source::Poses(_) => None,
         };
         Ok(Outcome { support_vectors, policies: policies.collect::<Result<_, _>>()? })
     }
 
     fn drive(&self, source: &Source, fit: &Fit, task: usize, reflexes: Reflexes) -> Result<Vec<Trip>, ExperimentError> {
-        let features = |pose: &Pose| match source {
-            Source::Trigonometric(waves) => {
-                waves.evaluate(points(&[*pose]).as_ref()).expect("the robot is near the rooms")
-            }
-            Source::Optimal(responses) => responses.evaluate(points(&[*pose]).as_ref()),
-            Source::Vision(_) => unreachable!("images are seen by the camera"),
-        };
-        if let Source::Vision(model) = source {
-            return trips(model, fit, (&self.trials.evaluator, task), reflexes);
+        match source {
+            Source::Images(model) => trips(model, fit, (&self.trials.evaluator, task), reflexes),
+            Source::Poses(features) => Ok(self.trials.evaluator.trips(task, false, &|situation| {
+                let phi = features(&[*situation.pose]);
+                reflexes.best(&worths(&fit.weights, &phi), situation.recent).0
+            })),
         }
-        Ok(self.trials.evaluator.trips(task, false, &|situation| {
-            let phi = features(situation.pose);
-            reflexes.best(&worths(&fit.weights, &phi), situation.recent).0
-        }))
     }
 
     fn trial_result(&self, task: usize, trips: &[Trip], converged: bool) -> Policy {

@@ -22,20 +22,7 @@ fn more(policies: &[&Policy], gamma: f64) -> Option<f64> {
 
 /// For all features and iterations, the number of features of the best quality over all tasks.
 pub fn best(found: &Found, gamma: f64) -> Table {
-    let columns = [
-        "features are",
-        "iteration",
-        "best number",
-        "works from",
-        "thesis: works from",
-        "success within",
-        "success across",
-        "quality",
-        "more than the optimum",
-        "thesis: more than its reference",
-    ];
-    let mut table =
-        Table::new("What each kind of features reaches, both goals, at its best number of features", &columns);
+    let mut table = Table::new("What each kind of features reaches, both goals, at its best number of features");
     for kind in Features::ALL {
         for iteration in Iteration::ALL {
             let of = |d: usize| -> Vec<&Policy> {
@@ -56,19 +43,19 @@ pub fn best(found: &Found, gamma: f64) -> Table {
             // Over goals and seeds together: no band.
             let mean =
                 |value: &dyn Fn(&Policy) -> Option<f64>| Cell::maybe(band(&of(d), value).map(|band| band.mean), 3);
-            let cells = vec![
-                Cell::text(kind.name()),
-                Cell::text(iteration.name()),
-                Cell::count(d),
-                works.map_or(Cell::Empty, Cell::count),
-                if thesis { Cell::count(REGIME) } else { Cell::Empty },
-                mean(&|policy| policy.within.map(|within| within.success)),
-                mean(&|policy| policy.across.map(|across| across.success)),
-                mean(&|policy| Some(policy.all.quality)),
-                Cell::maybe(more, 2),
-                if thesis { Cell::text("about 4") } else { Cell::Empty },
+            let row = [
+                ("features are", Cell::text(kind.name())),
+                ("iteration", Cell::text(iteration.name())),
+                ("best number", Cell::count(d)),
+                ("works from", works.map_or(Cell::Empty, Cell::count)),
+                ("thesis: works from", if thesis { Cell::count(REGIME) } else { Cell::Empty }),
+                ("success within", mean(&|policy| policy.within.map(|within| within.success))),
+                ("success across", mean(&|policy| policy.across.map(|across| across.success))),
+                ("quality", mean(&|policy| Some(policy.all.quality))),
+                ("more than the optimum", Cell::maybe(more, 2)),
+                ("thesis: more than its reference", if thesis { Cell::text("about 4") } else { Cell::Empty }),
             ];
-            table.push(cells, says(kind, iteration, works, more));
+            table.push(row, says(kind, iteration, works, more));
         }
     }
     table
@@ -95,47 +82,33 @@ fn says(kind: Features, iteration: Iteration, works: Option<usize>, more: Option
 }
 
 pub fn table(found: &Found, lab: &Lab) -> Table {
-    let columns = [
-        "features are",
-        "number",
-        "goal in",
-        "iteration",
-        "settled",
-        "success within",
-        "extra within",
-        "success across",
-        "steps across",
-        "extra across",
-        "quality",
-        "more than the optimum",
-    ];
-    let mut table = Table::new("All policies", &columns);
+    let mut table = Table::new("All policies");
     let gamma = lab.scenario.value.gamma;
     for (&(kind, d, task, iteration), policies) in found {
         let policies: Vec<&Policy> = policies.iter().collect();
         let settled = policies.iter().filter(|policy| policy.converged).count() as f64 / policies.len() as f64;
         let within = |of: fn(&Quality) -> Option<f64>| band(&policies, |policy| policy.within.as_ref().and_then(of));
         let across = |of: fn(&Quality) -> Option<f64>| band(&policies, |policy| policy.across.as_ref().and_then(of));
-        let cells = vec![
-            Cell::text(kind.name()),
-            Cell::count(d),
-            Cell::text(lab.task(task).name.clone()),
-            Cell::text(iteration.name()),
-            Cell::Number(settled, 2),
-            Cell::band(within(|quality| Some(quality.success)), 3),
-            Cell::band(within(|quality| quality.extra), 2),
-            Cell::band(across(|quality| Some(quality.success)), 3),
-            Cell::band(across(|quality| quality.steps), 1),
-            Cell::band(across(|quality| quality.extra), 1),
-            Cell::band(band(&policies, |policy| Some(policy.all.quality)), 3),
-            Cell::maybe(more(&policies, gamma), 2),
+        let row = [
+            ("features are", Cell::text(kind.name())),
+            ("number", Cell::count(d)),
+            ("goal in", Cell::text(&lab.task(task).name)),
+            ("iteration", Cell::text(iteration.name())),
+            ("settled", Cell::Number(settled, 2)),
+            ("success within", Cell::band(within(|quality| Some(quality.success)), 3)),
+            ("extra within", Cell::band(within(|quality| quality.extra), 2)),
+            ("success across", Cell::band(across(|quality| Some(quality.success)), 3)),
+            ("steps across", Cell::band(across(|quality| quality.steps), 1)),
+            ("extra across", Cell::band(across(|quality| quality.extra), 1)),
+            ("quality", Cell::band(band(&policies, |policy| Some(policy.all.quality)), 3)),
+            ("more than the optimum", Cell::maybe(more(&policies, gamma), 2)),
         ];
         let says = if iteration == Iteration::Thesis && kind != Features::Optimal {
             "no number in its text"
         } else {
             "not in the thesis"
         };
-        table.push(cells, says);
+        table.push(row, says);
     }
     table
 }
@@ -166,7 +139,7 @@ pub fn plots(found: &Found) -> Result<Vec<(String, String)>, ExperimentError> {
             }
         }
         let (x, y) = (Axis::log("features d"), Axis::new(axis).within(0.0, 1.0));
-        plots.push((file.into(), chart(title, (&x, &y), &lines)?));
+        plots.push(chart(file, title, (&x, &y), &lines)?);
     }
     Ok(plots)
 }
