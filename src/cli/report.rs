@@ -11,7 +11,7 @@ use serde::Serialize;
 use super::steps::Steps;
 use super::{Ending, ReportArgs, folder, print, print_json};
 use crate::evaluate::RoomMaps;
-use crate::evaluate::{Evaluator, PoseDecode, TaskResult, Trip, decode_pose};
+use crate::evaluate::{Evaluator, Fineness, PoseDecode, TaskResult, Trip, decode_pose};
 use crate::log::log_files;
 use crate::policy::Learned;
 use crate::report::draw::Picture;
@@ -92,7 +92,7 @@ impl RunContext<'_> {
         }
         let room_maps = self.learned.as_ref().ok().filter(|_| self.simulated).map(|learned| {
             steps.begin("report: looking around in the simulated room");
-            RoomMaps::new(&scenario, self.world, learned)
+            RoomMaps::new(Fineness::FULL, &scenario, self.world, learned)
         });
         steps.begin("report: drawing");
         let material = Material {

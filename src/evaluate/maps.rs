@@ -8,27 +8,17 @@ use rayon::prelude::*;
 use crate::policy::{Learned, columns};
 use crate::robot::Pose;
 use crate::scenario::{Detail, Scenario};
-use crate::vision::Image;
-use crate::vision::{Observation, observe};
+use crate::vision::{Image, Observation, observe};
 use crate::world::{Appearance, World};
 
 /// Headings, counter-clockwise from the x-axis.
 pub const HEADINGS: usize = 8;
-
-/// Places along the longer and the shorter side of the room.
-///
-/// # Reference
-/// Thesis §5.2: "8 test maps (in 45° steps) with 64 × 32 equidistant coordinates".
-pub const PLACES: [usize; 2] = [64, 32];
 
 /// Features whose maps are kept.
 pub const FEATURES: usize = 12;
 
 /// Places that are looked at together: with all headings as many images as one matrix product has columns.
 const BLOCK: usize = 32;
-
-/// More products than this, and the grid is made coarser: some ten seconds of two cores.
-const MOST_PRODUCTS: f64 = 2e12;
 
 /// How fine maps are.
 #[derive(Debug, Clone, Copy)]
@@ -42,12 +32,12 @@ pub struct Fineness {
 }
 
 impl Fineness {
-    /// That of the thesis.
-    pub const FULL: Fineness = Fineness { places: PLACES, most_products: MOST_PRODUCTS, most_pixels: MOST_PIXELS };
+    /// That of the thesis, as far as two cores compute it in some ten seconds.
+    ///
+    /// # Reference
+    /// Thesis §5.2: "8 test maps (in 45° steps) with 64 × 32 equidistant coordinates".
+    pub const FULL: Fineness = Fineness { places: [64, 32], most_products: 2e12, most_pixels: 640 * 480 };
 }
-
-/// Camera images of more pixels are rendered as coarsely as vision allows.
-const MOST_PIXELS: usize = 640 * 480;
 
 /// Points on an even grid in a box, row by row from the lowest y, each from the lowest x.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -113,12 +103,7 @@ struct View {
 
 impl RoomMaps {
     /// Look around at every place of a grid that the robot can reach, through a camera without noise.
-    pub fn new(scenario: &Scenario, world: &World, learned: &Learned) -> Self {
-        Self::with(Fineness::FULL, scenario, world, learned)
-    }
-
-    /// The same, as finely as is wanted.
-    pub fn with(fineness: Fineness, scenario: &Scenario, world: &World, learned: &Learned) -> Self {
+    pub fn new(fineness: Fineness, scenario: &Scenario, world: &World, learned: &Learned) -> Self {
         let grid = grid(fineness, world, learned);
         let pixels = scenario.camera.width * scenario.camera.height;
         let coarse = scenario.camera.detail == Detail::Full && pixels > fineness.most_pixels;
@@ -185,10 +170,8 @@ impl RoomMaps {
 fn grid(fineness: Fineness, world: &World, learned: &Learned) -> Grid {
     let (low, high) = world.plan.reachable_box();
     let size = high - low;
-    let [mut columns, mut rows] = {
-        let [longer, shorter] = fineness.places;
-        if size.x >= size.y { [longer, shorter] } else { [shorter, longer] }
-    };
+    let [longer, shorter] = fineness.places;
+    let (mut columns, mut rows) = if size.x >= size.y { (longer, shorter) } else { (shorter, longer) };
     let members = learned.model.members.as_ref().as_ref();
     let products = |places: usize| (places * HEADINGS) as f64 * members.nrows() as f64 * members.ncols() as f64;
     while products(columns * rows) > fineness.most_products && columns.min(rows) > 8 {

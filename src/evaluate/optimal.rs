@@ -81,17 +81,16 @@ impl<'a> OptimalSteps<'a> {
 
     /// The first action of a shortest way from a pose, the first one of several; `None` where there is none.
     pub fn first(&self, start: Pose) -> Option<Action> {
-        let after = |&motion: &FrameMotion| {
-            let moved = drive(start, motion, self.arena.walls(), self.robot.radius).0;
-            if self.avoid.iter().any(|area| area.is_entered(start.position, moved.position)) {
-                None
-            } else {
-                self.from(moved)
-            }
-        };
-        let steps = self.motions.iter().map(after);
+        let steps = self.motions.iter().map(|&motion| self.from(self.moved(start, motion, self.arena.walls())?));
         let ways = self.robot.actions.iter().zip(steps).filter_map(|(action, steps)| Some((steps?, action)));
         ways.min_by_key(|way| way.0).map(|way| way.1)
+    }
+
+    /// Where a motion leads; `None` if into what is to be avoided.
+    fn moved(&self, from: Pose, motion: FrameMotion, walls: &[Segment]) -> Option<Pose> {
+        let moved = drive(from, motion, walls, self.robot.radius).0;
+        let enters = |area: &Circle| area.is_entered(from.position, moved.position);
+        (!self.avoid.iter().any(enters)).then_some(moved)
     }
 
     fn within(&self, start: Pose, limit: usize) -> Option<usize> {
@@ -111,11 +110,7 @@ impl<'a> OptimalSteps<'a> {
             let mut next = Vec::new();
             for pose in &frontier {
                 let walls = near.walls(pose.position);
-                for &motion in &self.motions {
-                    let moved = drive(*pose, motion, walls, self.robot.radius).0;
-                    if self.avoid.iter().any(|area| area.is_entered(pose.position, moved.position)) {
-                        continue;
-                    }
+                for moved in self.motions.iter().filter_map(|&motion| self.moved(*pose, motion, walls)) {
                     if in_goal(self.task, moved.position) {
                         return Some(steps);
                     }
@@ -298,7 +293,7 @@ mod tests {
             assert_eq!(
                 arrive,
                 starts * scenario.tasks.len(),
-                "{}: the goal can be reached from everywhere",
+                "{}: goals can be reached from everywhere",
                 scenario.name
             );
         }

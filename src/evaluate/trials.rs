@@ -91,14 +91,6 @@ struct Memory {
     expected: Option<f64>,
 }
 
-/// Outcome of the trials of one task.
-struct Outcome {
-    /// Steps of each trial; `None` if it did not arrive.
-    steps: Vec<Option<usize>>,
-    dithers: usize,
-    actions: usize,
-}
-
 /// A task with its goal at a place, fixed starts outside of it, and what they come to at best.
 struct TrialTask {
     task: Task,
@@ -218,12 +210,11 @@ impl Evaluator {
         let heedless = learned.without_avoiding().filter(|_| without_reflexes);
         let tried = courses.iter().enumerate().map(|(task, course)| {
             let trials = self.run(learned, task, course, reflexes);
-            let unaided = without_reflexes
-                .then(|| Outcome::new(&self.run(learned, task, course, reflexes.off()), &self.scenario.robot.actions));
-            let result = self.result(course, &Outcome::new(&trials, &self.scenario.robot.actions), unaided.as_ref());
+            let unaided =
+                without_reflexes.then(|| self.reached(course, &self.run(learned, task, course, reflexes.off())));
+            let result = self.result(course, &trials, unaided);
             let arrival = course.task.is_shown().then(|| self.arrival(course, &trials));
-            let arrived = trials.iter().filter(|trial| trial.arrived);
-            let expected_steps = mean(arrived.filter_map(|trial| trial.memory.expected));
+            let expected_steps = mean(arrived(&trials).filter_map(|trial| trial.memory.expected));
             let entries = |trials: &[Trial]| trials.iter().map(|trial| trial.entries).sum();
             let avoided = (!course.avoid.is_empty()).then(|| Avoided {
                 entries: entries(&trials),
@@ -248,34 +239,35 @@ impl Evaluator {
         phi.subrows(1, most.min(phi.ncols() / 4).min(phi.nrows().saturating_sub(1))).to_owned()
     }
 
-    fn result(&self, course: &TrialTask, outcome: &Outcome, unaided: Option<&Outcome>) -> TaskResult {
-        let optimal = &course.optimal;
-        let n = outcome.steps.len();
-        let arrived = outcome.steps.iter().flatten().count();
-        let extra: Vec<f64> = outcome
-            .steps
-            .iter()
-            .zip(optimal)
-            .filter_map(|(steps, best)| Some((*steps)? as f64 - (*best)? as f64))
-            .collect();
+    /// What trials reach, with reflexes or without.
+    fn reached(&self, course: &TrialTask, trials: &[Trial]) -> WithoutReflexes {
+        let actions: usize = trials.iter().map(|trial| trial.actions.len()).sum();
+        let dithers = trials.iter().map(|trial| dithers(&trial.actions, &self.scenario.robot.actions)).sum::<usize>();
+        WithoutReflexes {
+            success: share(arrived(trials).count(), trials.len()),
+            mean_steps: mean(trials.iter().filter_map(Trial::steps).map(|steps| steps as f64)),
+            convergence_quality: self.quality(course, trials),
+            dithers_per_1000: 1000.0 * dithers as f64 / actions.max(1) as f64,
+        }
+    }
+
+    fn result(&self, course: &TrialTask, trials: &[Trial], without_reflexes: Option<WithoutReflexes>) -> TaskResult {
+        let (optimal, n) = (&course.optimal, trials.len());
+        let extra = |(trial, best): (&Trial, &Option<usize>)| Some(trial.steps()? as f64 - (*best)? as f64);
+        let reached = self.reached(course, trials);
         TaskResult {
             name: course.task.name.clone(),
             starts: n,
-            success: share(arrived, n),
-            success_wilson_low: wilson_low(arrived, n),
-            mean_steps: outcome.mean_steps(),
+            success: reached.success,
+            success_wilson_low: wilson_low(arrived(trials).count(), n),
+            mean_steps: reached.mean_steps,
             expected_steps: None,
             optimal_mean_steps: mean(optimal.iter().flatten().map(|&best| best as f64)).unwrap_or(f64::NAN),
-            extra_steps: mean(extra.into_iter()),
-            convergence_quality: self.quality(course, outcome),
+            extra_steps: mean(trials.iter().zip(optimal).filter_map(extra)),
+            convergence_quality: reached.convergence_quality,
             reference_success: course.reference,
-            dithers_per_1000: outcome.dithers_per_1000(),
-            without_reflexes: unaided.map(|outcome| WithoutReflexes {
-                success: share(outcome.steps.iter().flatten().count(), n),
-                mean_steps: outcome.mean_steps(),
-                convergence_quality: self.quality(course, outcome),
-                dithers_per_1000: outcome.dithers_per_1000(),
-            }),
+            dithers_per_1000: reached.dithers_per_1000,
+            without_reflexes,
             arrival: None,
             avoided: None,
         }
@@ -286,28 +278,28 @@ impl Evaluator {
         distances.sort_by(f64::total_cmp);
         let quantile =
             |share: f64| distances.get(((distances.len() as f64 * share) as usize).min(distances.len().max(1) - 1));
-        let (declared, right) = (distances.len(), trials.iter().filter(|trial| trial.arrived).count());
+        let (declared, right) = (distances.len(), arrived(trials).count());
         Arrival {
             declared,
             true_rate: share(right, trials.len()),
             false_rate: share(declared - right, declared),
             distance_p50_m: quantile(0.5).copied(),
             distance_p99_m: quantile(0.99).copied(),
-            quality: self.quality(course, &Outcome::new(trials, &self.scenario.robot.actions)),
+            quality: self.quality(course, trials),
         }
     }
 
     /// The thesis's convergence quality (definition *conv_qual*), against the optimal number of steps.
-    fn quality(&self, course: &TrialTask, outcome: &Outcome) -> f64 {
+    fn quality(&self, course: &TrialTask, trials: &[Trial]) -> f64 {
         let gamma = self.scenario.value.gamma;
-        let ratios = outcome.steps.iter().zip(&course.optimal).map(|(steps, best)| match (steps, best) {
+        let ratios = trials.iter().zip(&course.optimal).map(|(trial, best)| match (trial.steps(), best) {
             // Noise can make a trial shorter than the noise-free optimum: that counts as optimal.
             (Some(steps), Some(best)) => gamma.powi(steps.saturating_sub(*best) as i32),
             // It arrived from where the search found no way within the limit.
             (Some(_), None) => 1.0,
             (None, _) => 0.0,
         });
-        ratios.sum::<f64>() / outcome.steps.len().max(1) as f64
+        ratios.sum::<f64>() / trials.len().max(1) as f64
     }
 
     fn run(&self, learned: &Learned, task: usize, course: &TrialTask, reflexes: Reflexes) -> Vec<Trial> {
@@ -394,7 +386,7 @@ impl Evaluator {
                 self.act(trial, action, &by_pose, &[]);
             }
         }
-        share(trials.iter().filter(|trial| trial.arrived).count(), trials.len())
+        share(arrived(&trials).count(), trials.len())
     }
 
     /// Robots at the starts, each with noise of its own, the same for every policy.
@@ -455,6 +447,11 @@ impl Evaluator {
 }
 
 impl Trial {
+    /// Its actions; `None` if it did not arrive.
+    fn steps(&self) -> Option<usize> {
+        self.arrived.then_some(self.actions.len())
+    }
+
     /// The agent says that this is the goal.
     fn declare(&mut self, task: &Task) {
         let position = self.robot.pose().position;
@@ -462,6 +459,10 @@ impl Trial {
         self.arrived = in_goal(task, position);
         self.declared_at = task.goal.map(|goal| (position - Point2::from(goal)).norm());
     }
+}
+
+fn arrived(trials: &[Trial]) -> impl Iterator<Item = &Trial> {
+    trials.iter().filter(|trial| trial.arrived)
 }
 
 /// A share of `n`, 0 of nothing.
@@ -472,9 +473,8 @@ fn share(count: usize, n: usize) -> f64 {
 impl TrialTask {
     /// Steps over those of the shortest way around what is to be avoided, mean over the trials that arrived.
     fn detour(&self, trials: &[Trial]) -> Option<f64> {
-        let arrived = trials.iter().zip(&self.optimal).filter(|(trial, _)| trial.arrived);
-        let ratio = |(trial, best): (&Trial, &Option<usize>)| Some(trial.actions.len() as f64 / (*best)?.max(1) as f64);
-        mean(arrived.filter_map(ratio))
+        let ratio = |(trial, best): (&Trial, &Option<usize>)| Some(trial.steps()? as f64 / (*best)?.max(1) as f64);
+        mean(trials.iter().zip(&self.optimal).filter_map(ratio))
     }
 
     fn ways(&self, trials: Vec<Trial>) -> Vec<Trip> {
@@ -483,24 +483,6 @@ impl TrialTask {
             Trip { poses, arrived, declared_at, optimal }
         };
         trials.into_iter().zip(&self.optimal).map(way).collect()
-    }
-}
-
-impl Outcome {
-    fn new(trials: &[Trial], set: &ActionSet) -> Self {
-        Outcome {
-            steps: trials.iter().map(|trial| trial.arrived.then_some(trial.actions.len())).collect(),
-            dithers: trials.iter().map(|trial| dithers(&trial.actions, set)).sum(),
-            actions: trials.iter().map(|trial| trial.actions.len()).sum(),
-        }
-    }
-
-    fn mean_steps(&self) -> Option<f64> {
-        mean(self.steps.iter().flatten().map(|&steps| steps as f64))
-    }
-
-    fn dithers_per_1000(&self) -> f64 {
-        1000.0 * self.dithers as f64 / self.actions.max(1) as f64
     }
 }
 

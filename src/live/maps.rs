@@ -181,7 +181,7 @@ impl RoomView {
         let (scenario, world, learned) = (scenario.clone(), world.clone(), learned.clone());
         let (send, coming) = bounded(1);
         pool.spawn(move || {
-            let maps = maps_of(&RoomMaps::with(FINENESS, &scenario, &world, &learned), learned.epoch);
+            let maps = maps_of(&RoomMaps::new(FINENESS, &scenario, &world, &learned), learned.epoch);
             // Whoever wanted it may be gone.
             let _ = send.send(maps);
         });
