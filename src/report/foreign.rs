@@ -11,6 +11,8 @@ use crate::vision::Image;
 
 /// Images that are shown at most.
 const SHOWN: usize = 4;
+/// Widest image that a page holds, pixels.
+const WIDEST: usize = 640;
 
 const CAMERA: [&str; 2] = [msg::Image::TYPE, foreign::CompressedImage::TYPE];
 /// Poses that are one come before transforms, which hold many.
@@ -75,16 +77,12 @@ pub fn look(files: Vec<PathBuf>, gathered: &mut Gathered) -> Result<Foreign, Log
             found.reason.get_or_insert(reason);
         }
     }
-    found.pictures = images
-        .iter()
-        .map(|(stamp_ns, image)| Picture {
-            label: format!("after {:.1} s", gathered.seconds_at(*stamp_ns)),
-            width: image.width,
-            height: image.height,
-            rgb: image.rgb.clone(),
-        })
-        .map(smaller)
-        .collect();
+    // Of a large image every second, third, … pixel is left out.
+    let picture = |(stamp_ns, image): &(u64, Image)| {
+        let (width, height, rgb) = thinned((image.width, image.height), &image.rgb, WIDEST);
+        Picture { label: format!("after {:.1} s", gathered.seconds_at(*stamp_ns)), width, height, rgb }
+    };
+    found.pictures = images.iter().map(picture).collect();
     Ok(found)
 }
 
@@ -95,13 +93,4 @@ fn image(schema: &str, data: &[u8]) -> Result<Image, String> {
     } else {
         compressed(&cdr::decode(data).map_err(|e| text(&e))?).map_err(|e| text(&e))
     }
-}
-
-/// Widest image that a page holds, pixels.
-const WIDEST: usize = 640;
-
-/// A large image with every second, third, … pixel left out.
-fn smaller(picture: Picture) -> Picture {
-    let (width, height, rgb) = thinned((picture.width, picture.height), &picture.rgb, WIDEST);
-    Picture { label: picture.label, width, height, rgb }
 }

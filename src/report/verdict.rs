@@ -179,20 +179,15 @@ fn basis(material: &Material<'_>) -> String {
 /// Whether something was lost, in one sentence; the section at the end has the rest.
 fn lost(material: &Material<'_>) -> String {
     let gathered = material.gathered;
-    let mut parts = Vec::new();
-    for (count, what) in [
+    let counts = [
         (gathered.dropped, "frames were dropped"),
         (gathered.quarantined, "frames were left out, not finite"),
         (gathered.damaged, "records of the log could not be read"),
         (gathered.missing(), "observations are missing in the log"),
-    ] {
-        if count > 0 {
-            parts.push(format!("{} {what}", Numbered(count)));
-        }
-    }
-    if !gathered.closed {
-        parts.push("the log was not closed".to_owned());
-    }
+    ];
+    let lost = counts.into_iter().filter(|(count, _)| *count > 0);
+    let mut parts: Vec<String> = lost.map(|(count, what)| format!("{} {what}", Numbered(count))).collect();
+    parts.extend((!gathered.closed).then(|| "the log was not closed".to_owned()));
     if parts.is_empty() {
         return "Nothing was dropped or lost.".to_owned();
     }

@@ -33,15 +33,11 @@ pub fn page(soak: &Soak) -> Result<String, DrawError> {
         curve("success", 0, &|point| 100.0 * point.success),
         curve("quality", 1, &|point| 100.0 * point.convergence_quality),
     ];
-    let drift = curve("", 0, &|point| point.feature_drift_deg.unwrap_or(f64::NAN));
-    let charts = [
-        ("success", "Success and convergence quality", Axis::new("%").within(0.0, 100.0), success),
-        ("slowness", "Slowness of the features", Axis::new("mean, 1/s²"), vec![curve("", 0, &|p| p.slowness_mean)]),
-        ("drift", "Drift of the slowest features from model to model", Axis::new("degrees"), vec![drift]),
-    ];
-    for (name, title, y, lines) in charts {
-        add(&mut page, soak, name, title, y, lines)?;
-    }
+    let slowness = vec![curve("", 0, &|point| point.slowness_mean)];
+    let drift = vec![curve("", 0, &|point| point.feature_drift_deg.unwrap_or(f64::NAN))];
+    add(&mut page, soak, "success", "Success and convergence quality", Axis::new("%").within(0.0, 100.0), success)?;
+    add(&mut page, soak, "slowness", "Slowness of the features", Axis::new("mean, 1/s²"), slowness)?;
+    add(&mut page, soak, "drift", "Drift of the slowest features from model to model", Axis::new("degrees"), drift)?;
 
     page.section("program", "How the program did");
     let line = |name: &str, colour: usize, of: &dyn Fn(&Sample) -> f64| {
@@ -52,33 +48,18 @@ pub fn page(soak: &Soak) -> Result<String, DrawError> {
     let depth = |sample: &Sample, i: usize| sample.queues.get(i).map_or(f64::NAN, |queue| queue.1 as f64);
     let queues = names.iter().enumerate().map(|(i, name)| line(name, i, &|sample| depth(sample, i))).collect();
     let megabytes = |bytes: Option<u64>| bytes.map_or(f64::NAN, |bytes| bytes as f64 / 1e6);
-    let charts = [
-        ("memory", "Memory", Axis::new("MB"), vec![line("", 0, &|s| megabytes(s.rss_bytes))]),
-        (
-            "files",
-            "Open files",
-            Axis::new("files"),
-            vec![line("", 0, &|s| s.open_files.map_or(f64::NAN, |count| count as f64))],
-        ),
-        ("log", "The log", Axis::new("MB"), vec![line("", 0, &|s| s.log_bytes as f64 / 1e6)]),
-        (
-            "latency",
-            "Latency so far",
-            Axis::log("99th percentile, ms"),
-            vec![line("learning from a frame", 0, &|s| s.frame_p99_ms), line("frame to action", 1, &|s| s.act_p99_ms)],
-        ),
-        ("queues", "Queue depths", Axis::new("entries that wait"), queues),
-        ("speed", "Speed", Axis::new("frames per second"), vec![line("", 0, &|s| s.frames_per_second)]),
-        (
-            "dictionary",
-            "The dictionary",
-            Axis::new("support vectors"),
-            vec![line("", 0, &|s| s.support_vectors as f64)],
-        ),
-    ];
-    for (name, title, y, lines) in charts {
-        add(&mut page, soak, name, title, y, lines)?;
-    }
+    let one = |of: &dyn Fn(&Sample) -> f64| vec![line("", 0, of)];
+    add(&mut page, soak, "memory", "Memory", Axis::new("MB"), one(&|s| megabytes(s.rss_bytes)))?;
+    let files = one(&|sample| sample.open_files.map_or(f64::NAN, |count| count as f64));
+    add(&mut page, soak, "files", "Open files", Axis::new("files"), files)?;
+    add(&mut page, soak, "log", "The log", Axis::new("MB"), one(&|s| s.log_bytes as f64 / 1e6))?;
+    let latencies =
+        vec![line("learning from a frame", 0, &|s| s.frame_p99_ms), line("frame to action", 1, &|s| s.act_p99_ms)];
+    add(&mut page, soak, "latency", "Latency so far", Axis::log("99th percentile, ms"), latencies)?;
+    add(&mut page, soak, "queues", "Queue depths", Axis::new("entries that wait"), queues)?;
+    add(&mut page, soak, "speed", "Speed", Axis::new("frames per second"), one(&|s| s.frames_per_second))?;
+    let vectors = one(&|sample| sample.support_vectors as f64);
+    add(&mut page, soak, "dictionary", "The dictionary", Axis::new("support vectors"), vectors)?;
     Ok(page.html())
 }
 

@@ -7,6 +7,7 @@ use super::{Figure, Item, Material, Section};
 use crate::log::messages::GoalMoved;
 use crate::report::Numbered;
 use crate::report::draw::{Axis, Chart, Colours, DrawError, Line, Mark, Panel, Panels, SERIES, Stroke};
+use crate::report::gather::{ModelSeen, Tried};
 
 /// How many models a stranger needs to see a curve.
 const FEW: usize = 2;
@@ -23,19 +24,21 @@ pub fn section(material: &Material<'_>) -> Result<Section, DrawError> {
                 .to_owned(),
         ));
     } else {
-        let each = || gathered.tried.iter().enumerate();
-        let moves = || gathered.moved.iter().map(|moved| upright(moved.frame));
-        let lines = each()
-            .map(|(i, (task, tried))| {
-                let points = tried.iter().map(|tried| (tried.frame as f64, tried.success)).collect();
-                let line = Line::new(task, SERIES[i % SERIES.len()], points).drawn(Stroke::Points);
-                line.with_band(tried.iter().map(|tried| (tried.frame as f64, tried.low, tried.success)).collect())
+        let lines = |of: fn(&Tried) -> f64| {
+            gathered.tried.iter().enumerate().map(move |(i, (task, tried))| {
+                let points = tried.iter().map(|tried| (tried.frame as f64, of(tried))).collect();
+                Line::new(task, SERIES[i % SERIES.len()], points).drawn(Stroke::Points)
             })
-            .chain(moves())
-            .collect();
+        };
+        let chart = |title: &str, y: &str, mut lines: Vec<Line>| {
+            lines.extend(gathered.moved.iter().map(|moved| upright(moved.frame)));
+            Chart::new(title, Axis::new("frames learned from"), Axis::new(y).within(0.0, 1.05), lines).svg()
+        };
         let title = "Success over frames";
-        let y = || Axis::new("share of trials that arrive").within(0.0, 1.05);
-        let svg = Chart::new(title, Axis::new("frames learned from"), y(), lines).svg()?;
+        let success = lines(|tried| tried.success).zip(gathered.tried.values()).map(|(line, tried)| {
+            line.with_band(tried.iter().map(|tried| (tried.frame as f64, tried.low, tried.success)).collect())
+        });
+        let svg = chart(title, "share of trials that arrive", success.collect())?;
         let mut caption =
             "From random starts, in trials beside the run. The band reaches down to the lower end of the 95 % \
                            interval."
@@ -46,16 +49,8 @@ pub fn section(material: &Material<'_>) -> Result<Section, DrawError> {
         }
         items.push(Item::Figure(Figure::new("success", title, &caption, svg)));
 
-        let lines = each()
-            .map(|(i, (task, tried))| {
-                let points = tried.iter().map(|tried| (tried.frame as f64, tried.quality)).collect();
-                Line::new(task, SERIES[i % SERIES.len()], points).drawn(Stroke::Points)
-            })
-            .chain(moves())
-            .collect();
         let title = "Convergence quality over frames";
-        let y = Axis::new("quality (1: optimal)").within(0.0, 1.05);
-        let svg = Chart::new(title, Axis::new("frames learned from"), y, lines).svg()?;
+        let svg = chart(title, "quality (1: optimal)", lines(|tried| tried.quality).collect())?;
         let caption = "Mean of γ to the power of the steps beyond the optimum; a trial that does not arrive counts 0.";
         items.push(Item::Figure(Figure::new("quality", title, caption, svg)));
     }
@@ -66,7 +61,7 @@ pub fn section(material: &Material<'_>) -> Result<Section, DrawError> {
             gathered.models.offered()
         )));
     } else {
-        let line = |name: &str, i: usize, of: fn(&crate::report::gather::ModelSeen) -> f64| {
+        let line = |name: &str, i: usize, of: fn(&ModelSeen) -> f64| {
             let points = models.iter().map(|model| (model.frames as f64, of(model))).collect();
             Line::new(name, SERIES[i], points).drawn(Stroke::Points)
         };

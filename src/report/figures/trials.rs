@@ -21,15 +21,13 @@ pub fn section(material: &Material<'_>) -> Result<Section, DrawError> {
     match (&material.trials, &material.room) {
         (Ok(trials), Some(_)) => {
             for (task, (result, ways)) in trials.iter().enumerate() {
-                let order = worst_first(ways);
                 items.push(Item::Figure(starts(material, task, &result.name, ways)?));
-                items.push(Item::Figure(trajectories(material, task, &result.name, ways, &order)?));
+                items.push(Item::Figure(trajectories(material, task, &result.name, ways)?));
             }
             for (result, ways) in trials.iter() {
-                let order = worst_first(ways);
                 let failed = ways.iter().filter(|way| !way.arrived).count();
                 let summary = format!("All {} trials of {}, failures ({failed}) first", ways.len(), result.name);
-                items.push(Item::Folded(summary, table(ways, &order)));
+                items.push(Item::Folded(summary, table(ways)));
             }
         }
         (Err(reason), _) => items.push(Item::Missing(format!("There are no trials to show: {reason}."))),
@@ -39,7 +37,7 @@ pub fn section(material: &Material<'_>) -> Result<Section, DrawError> {
 }
 
 /// Failures first, then those with the most steps too many.
-pub fn worst_first(ways: &[Trip]) -> Vec<usize> {
+fn worst_first(ways: &[Trip]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..ways.len()).collect();
     let badness = |way: &Trip| (!way.arrived, way.extra().unwrap_or(usize::MAX), way.steps());
     order.sort_by(|&a, &b| badness(&ways[b]).cmp(&badness(&ways[a])));
@@ -47,17 +45,15 @@ pub fn worst_first(ways: &[Trip]) -> Vec<usize> {
 }
 
 fn colour(way: &Trip) -> RGBColor {
-    match way.extra() {
-        Some(extra) => EXTRA.iter().find(|(most, ..)| extra <= *most).map_or(BAD, |found| found.1),
-        None => BAD,
-    }
+    let found = way.extra().and_then(|extra| EXTRA.iter().find(|(most, ..)| extra <= *most));
+    found.map_or(BAD, |found| found.1)
 }
 
 /// All starts, in the colour of how their trial ended.
 fn starts(material: &Material<'_>, task: usize, name: &str, ways: &[Trip]) -> Result<Figure, DrawError> {
     let mut marks: Vec<Mark> = material.room.iter().flat_map(|room| room.goal(task)).collect();
     marks.extend(material.walls(6));
-    for &i in worst_first(ways).iter().rev() {
+    for i in worst_first(ways).into_iter().rev() {
         let (way, start) = (&ways[i], ways[i].poses[0]);
         marks.push(Mark::Arrow(start.position.into(), start.heading, 15.0, colour(way)));
         if !way.arrived {
@@ -77,14 +73,8 @@ fn starts(material: &Material<'_>, task: usize, name: &str, ways: &[Trip]) -> Re
 }
 
 /// The ways of the worst trials.
-fn trajectories(
-    material: &Material<'_>,
-    task: usize,
-    name: &str,
-    ways: &[Trip],
-    order: &[usize],
-) -> Result<Figure, DrawError> {
-    let panels = order.iter().take(SHOWN).map(|&i| {
+fn trajectories(material: &Material<'_>, task: usize, name: &str, ways: &[Trip]) -> Result<Figure, DrawError> {
+    let panels = worst_first(ways).into_iter().take(SHOWN).map(|i| {
         let (way, start) = (&ways[i], ways[i].poses[0]);
         let points = way.poses.iter().map(|pose| pose.position.into()).collect();
         let mut marks =
@@ -119,9 +109,9 @@ fn trajectories(
     Ok(Figure::new(file_name("trajectories", task, name), &title, caption, svg))
 }
 
-fn table(ways: &[Trip], order: &[usize]) -> Table {
+fn table(ways: &[Trip]) -> Table {
     let mut table = Table::new(&["trial", "x, m", "y, m", "heading, °", "arrived", "steps", "optimal", "too many"]);
-    for &i in order {
+    for i in worst_first(ways) {
         let (way, start) = (&ways[i], ways[i].poses[0]);
         table.row([
             (i + 1).to_string(),

@@ -471,7 +471,6 @@ impl Gathered {
             frame_ms: health.frame_p99_ms,
             depths: health.queue_depths,
             rss: health.rss_bytes,
-            dropped: health.dropped_frames,
         });
     }
 }

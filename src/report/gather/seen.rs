@@ -67,8 +67,6 @@ pub struct HealthSeen {
     pub depths: Vec<u32>,
     /// Memory, bytes.
     pub rss: u64,
-    /// Frames dropped so far.
-    pub dropped: u64,
 }
 
 impl HealthSeen {
@@ -78,7 +76,6 @@ impl HealthSeen {
         self.act_ms = self.act_ms.max(other.act_ms);
         self.frame_ms = self.frame_ms.max(other.frame_ms);
         self.rss = self.rss.max(other.rss);
-        self.dropped = self.dropped.max(other.dropped);
         self.frames = other.frames;
         for (i, depth) in other.depths.into_iter().enumerate() {
             match self.depths.get_mut(i) {
