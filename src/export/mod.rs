@@ -168,7 +168,7 @@ pub fn export(
     if let Some(model) = model {
         export.model(model)?;
     }
-    fs::remove_dir(&export.parts).map_err(failed(&export.parts))?;
+    fs::remove_dir_all(&export.parts).map_err(failed(&export.parts))?;
     let path = out.join("about.json");
     let text = serde_json::to_string_pretty(&export.about).map_err(io::Error::from).map_err(failed(&path))?;
     fs::write(&path, text + "\n").map_err(failed(&path))?;
@@ -221,13 +221,9 @@ impl Export<'_> {
         Ok(folder)
     }
 
-    /// Pack the arrays of one or more tables, which stand in folders of these names, into the file of the first.
-    fn pack(
-        &mut self,
-        folders: &[&str],
-        tables: Vec<io::Result<(Vec<ArrayEntry>, Meanings)>>,
-    ) -> Result<(), ExportError> {
-        let name = format!("{}.npz", folders[0]);
+    /// Pack the arrays of one or more tables into one file.
+    fn pack(&mut self, name: &str, tables: Vec<io::Result<(Vec<ArrayEntry>, Meanings)>>) -> Result<(), ExportError> {
+        let name = format!("{name}.npz");
         let path = self.out.join(&name);
         let (mut arrays, mut about) = (Vec::new(), BTreeMap::new());
         for table in tables {
@@ -239,9 +235,6 @@ impl Export<'_> {
             arrays.extend(written);
         }
         pack(&path, &arrays).map_err(failed(&path))?;
-        for folder in folders.iter().map(|folder| self.parts.join(folder)) {
-            fs::remove_dir(&folder).map_err(failed(&folder))?;
-        }
         self.about.files.insert(name, about);
         Ok(())
     }
@@ -295,10 +288,8 @@ impl Export<'_> {
             }
         }
         self.about.damaged = source.damaged();
-        match features {
-            Some((_, features)) => self.pack(&["frames", "features"], vec![frames.finish(), features.finish()]),
-            None => self.pack(&["frames"], vec![frames.finish()]),
-        }
+        let tables = [frames.finish()].into_iter().chain(features.map(|(_, features)| features.finish()));
+        self.pack("frames", tables.collect())
     }
 
     /// What the log holds beside the frames, in one pass.
@@ -333,7 +324,10 @@ impl Export<'_> {
                 record.decode::<ModelUpdate>().map(|message| models.add(&message, features))
             } else if is(topics::DICTIONARY.name()) {
                 let message = record.decode::<DictionaryGrowth>();
-                message.map(|message| growth.add(&message).and_then(|()| accepted.add(&message)))
+                message.map(|message| {
+                    growth.add(&message)?;
+                    message.accepted.iter().try_for_each(|frame| accepted.add(frame))
+                })
             } else if is(topics::EVALUATION.name()) {
                 record.decode::<Evaluation>().map(|message| evaluations.add(&message, scenario))
             } else {
@@ -344,16 +338,16 @@ impl Export<'_> {
                 Err(_) => self.about.damaged += 1,
             }
         }
-        self.pack(&["transitions"], vec![transitions.finish()])?;
-        self.pack(&["decisions"], vec![decisions.finish()])?;
-        self.pack(&["prospects"], vec![prospects.finish()])?;
+        self.pack("transitions", vec![transitions.finish()])?;
+        self.pack("decisions", vec![decisions.finish()])?;
+        self.pack("prospects", vec![prospects.finish()])?;
         if let Some(places) = places {
-            self.pack(&["places"], vec![places.finish()])?;
+            self.pack("places", vec![places.finish()])?;
         }
-        self.pack(&["models"], vec![models.finish()])?;
-        self.pack(&["growth"], vec![growth.finish()])?;
-        self.pack(&["accepted"], vec![accepted.finish()])?;
-        self.pack(&["evaluations"], vec![evaluations.finish()])
+        self.pack("models", vec![models.finish()])?;
+        self.pack("growth", vec![growth.finish()])?;
+        self.pack("accepted", vec![accepted.finish()])?;
+        self.pack("evaluations", vec![evaluations.finish()])
     }
 
     /// The model itself, so that Python can compute with it.
@@ -366,11 +360,12 @@ impl Export<'_> {
             let mut vectors = SupportVectors::create(&members, vision.height, vision.width, features)?;
             vectors.add(learned)?;
             let mut rates = Slow::create(&slow)?;
-            rates.add(learned)?;
+            let model = &learned.model;
+            model.slowness.iter().zip(&model.offset).try_for_each(|(slowness, &offset)| rates.add(slowness, offset))?;
             let values = match &learned.instances {
                 None => {
                     let mut weights = Policies::create(&policies, learned.actions(), features + 1)?;
-                    weights.add(learned)?;
+                    learned.weights.iter().try_for_each(|of| weights.add(of))?;
                     weights.finish()?
                 }
                 Some(instances) => {
@@ -382,7 +377,7 @@ impl Export<'_> {
             };
             Ok(vec![Ok(vectors.finish()?), Ok(rates.finish()?), Ok(values)])
         })();
-        self.pack(&["model", "slow", "policies"], tables.map_err(written)?)
+        self.pack("model", tables.map_err(written)?)
     }
 }
 

@@ -3,7 +3,7 @@
 use std::io;
 use std::path::Path;
 
-use faer::{MatRef, Par};
+use faer::{Mat, Par};
 use rayon::prelude::*;
 
 use super::npz::{Array, ArrayEntry};
@@ -155,8 +155,8 @@ table! {
 table! {
     /// One row for each frame that became a support vector; with some selections it may have been replaced since. Where `sigma` changes in
     /// `growth`, the support vectors were chosen anew, and frames follow from the beginning again.
-    Accepted() {
-        frame: u64 [] = "number of the frame",
+    Accepted() of frame: u64 {
+        frame: u64 [] = [*frame], "number of the frame";
     }
 }
 
@@ -183,16 +183,16 @@ table! {
 
 table! {
     /// One row for each slow feature of the model, without the constant one.
-    Slow() {
-        slowness: f64 [] = "slowness (1/s^2), slowest first",
-        offset: f64 [] = "what is subtracted: features = projection' k(x) - offset",
+    Slow() of slowness: f64, offset: f64 {
+        slowness: f64 [] = [*slowness], "slowness (1/s^2), slowest first";
+        offset: f64 [] = [offset], "what is subtracted: features = projection' k(x) - offset";
     }
 }
 
 table! {
     /// One row for each task: Q(x, a) = weights[task, a] . features(x).
-    Policies(actions, features) {
-        weights: f64 [actions, features] = "weights of each action; that of the constant feature first",
+    Policies(actions, features) of weights: Mat<f64> {
+        weights: f64 [actions, features] = entries(weights), "weights of each action; that of the constant feature first";
     }
 }
 
@@ -250,7 +250,7 @@ impl Features {
         };
         let looks: Vec<_> = observations.par_iter().map(look).collect();
         for (j, (values, place, there)) in looks.iter().enumerate() {
-            self.features.push(&column(features.as_ref(), j))?;
+            self.features.push(&features.col(j).iter().copied().collect::<Vec<f64>>())?;
             self.q_values.push(values)?;
             self.place.push(place)?;
             self.there.push(there)?;
@@ -259,20 +259,15 @@ impl Features {
     }
 }
 
-fn column(matrix: MatRef<'_, f64>, j: usize) -> Vec<f64> {
-    matrix.col(j).iter().copied().collect()
+/// All entries, column by column.
+fn entries(matrix: &Mat<f64>) -> Vec<f64> {
+    matrix.col_iter().flat_map(|column| column.iter().copied()).collect()
 }
 
 /// Number of a task, −1 for none.
 fn task_number(scenario: &Scenario, name: &str) -> i32 {
     let found = scenario.tasks.iter().position(|task| task.name == name);
     found.map_or(-1, |number| number as i32)
-}
-
-impl Accepted {
-    pub fn add(&mut self, message: &DictionaryGrowth) -> io::Result<()> {
-        message.accepted.iter().try_for_each(|&frame| self.frame.push(&[frame]))
-    }
 }
 
 impl SupportVectors {
@@ -285,25 +280,6 @@ impl SupportVectors {
             self.projection.push(&model.projection.row(j).iter().copied().collect::<Vec<f64>>())?;
         }
         Ok(())
-    }
-}
-
-impl Slow {
-    pub fn add(&mut self, learned: &Learned) -> io::Result<()> {
-        for (&slowness, &offset) in learned.model.slowness.iter().zip(&learned.model.offset) {
-            self.slowness.push(&[slowness])?;
-            self.offset.push(&[offset])?;
-        }
-        Ok(())
-    }
-}
-
-impl Policies {
-    pub fn add(&mut self, learned: &Learned) -> io::Result<()> {
-        learned.weights.iter().try_for_each(|weights| {
-            let rows: Vec<f64> = (0..weights.ncols()).flat_map(|action| column(weights.as_ref(), action)).collect();
-            self.weights.push(&rows)
-        })
     }
 }
 

@@ -65,6 +65,7 @@ pub struct Epoch {
 /// it and logged again is off by rounding.
 const SAME_POSE: f64 = 1e-9;
 
+#[derive(Default)]
 struct Models {
     models: BTreeMap<u32, ModelUpdate>,
     policies: BTreeMap<(u32, String), String>,
@@ -148,24 +149,23 @@ fn epoch(a: &ModelUpdate, b: &ModelUpdate) -> Epoch {
 }
 
 fn models(recording: &Recording) -> Result<Models, LogError> {
-    let mut found = Models { models: BTreeMap::new(), policies: BTreeMap::new() };
+    let mut found = Models::default();
     for record in recording.records() {
-        match record {
-            Ok(record @ Record::Message { .. }) => {
-                let Record::Message { topic, .. } = &record else { continue };
-                if **topic == *topics::MODEL.name() {
-                    if let Ok(model) = record.decode::<ModelUpdate>() {
-                        found.models.insert(model.epoch, model);
-                    }
-                } else if **topic == *topics::POLICY.name()
-                    && let Ok(policy) = record.decode::<PolicyUpdate>()
-                {
-                    found.policies.insert((policy.epoch, policy.task), policy.digest);
-                }
-            }
+        let record = match record {
+            Ok(record) => record,
             Err(error @ (LogError::Open { .. } | LogError::Read { .. })) => return Err(error),
             // Damage is told by whoever opened the recording.
-            _ => {}
+            Err(_) => continue,
+        };
+        let Record::Message { topic, .. } = &record else { continue };
+        if **topic == *topics::MODEL.name() {
+            if let Ok(model) = record.decode::<ModelUpdate>() {
+                found.models.insert(model.epoch, model);
+            }
+        } else if **topic == *topics::POLICY.name()
+            && let Ok(policy) = record.decode::<PolicyUpdate>()
+        {
+            found.policies.insert((policy.epoch, policy.task), policy.digest);
         }
     }
     Ok(found)
@@ -174,12 +174,9 @@ fn models(recording: &Recording) -> Result<Models, LogError> {
 /// Keys of both scenarios whose values differ.
 fn settings(a: &Recording, b: &Recording) -> BTreeMap<String, (String, String)> {
     let (a, b) = (flat(a), flat(b));
-    let keys: std::collections::BTreeSet<&String> = a.keys().chain(b.keys()).collect();
-    keys.into_iter()
-        .map(|key| (key, (a.get(key).cloned().unwrap_or_default(), b.get(key).cloned().unwrap_or_default())))
-        .filter(|(_, (one, other))| one != other)
-        .map(|(key, values)| (key.clone(), values))
-        .collect()
+    let value = |of: &BTreeMap<String, String>, key: &String| of.get(key).cloned().unwrap_or_default();
+    let both = a.keys().chain(b.keys()).map(|key| (key.clone(), (value(&a, key), value(&b, key))));
+    both.filter(|(_, (one, other))| one != other).collect()
 }
 
 fn flat(recording: &Recording) -> BTreeMap<String, String> {

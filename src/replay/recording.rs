@@ -9,7 +9,7 @@ use thiserror::Error;
 use crate::agent::{CurvePoint, RecordedEvents};
 use crate::log::messages::{Decision, Evaluation, FrameTaken, ModelRequest, ModelUpdate};
 use crate::log::writer::METADATA_NAME;
-use crate::log::{Ending, Expected, FilesReader, LogError, Message, Record, log_files, topics};
+use crate::log::{Ending, Expected, FilesReader, LogError, Record, log_files, topics};
 use crate::scenario::{Scenario, ScenarioError};
 
 /// Why a run cannot be repeated.
@@ -166,21 +166,21 @@ impl Recording {
             self.expected.record(topic, stamp_ns, data);
         }
         if is(topics::FRAME.name()) {
-            let taken: FrameTaken = decode(record)?;
+            let taken: FrameTaken = record.decode()?;
             self.first_frame = self.first_frame.min(taken.frame);
             self.frames += 1;
             self.events.seen(taken.frame);
         } else if is(topics::REQUEST.name()) {
-            self.events.asked(decode::<ModelRequest>(record)?.frame);
+            self.events.asked(record.decode::<ModelRequest>()?.frame);
         } else if is(topics::MODEL.name()) {
-            let update: ModelUpdate = decode(record)?;
+            let update: ModelUpdate = record.decode()?;
             self.events.effective(update.asked_at_frame, update.effective_at_frame);
             self.models.insert(update.epoch, update);
         } else if is(topics::EVALUATION.name()) {
-            let Evaluation { epoch, success, convergence_quality, .. } = decode(record)?;
+            let Evaluation { epoch, success, convergence_quality, .. } = record.decode()?;
             self.evaluations.entry(epoch).or_default().push((success, convergence_quality));
         } else if is(topics::DECISION.name()) {
-            decode::<Decision>(record)?;
+            record.decode::<Decision>()?;
             self.events.decided();
         }
         Ok(())
@@ -233,8 +233,4 @@ impl Recording {
     pub fn records(&self) -> FilesReader {
         FilesReader::new(self.files.clone())
     }
-}
-
-fn decode<M: Message>(record: &Record) -> Result<M, LogError> {
-    record.decode()
 }

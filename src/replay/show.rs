@@ -27,21 +27,14 @@ const MOST_FIELDS: usize = 8;
 /// # Errors
 /// A file that cannot be read any more.
 pub fn show(recording: &Recording, difference: &Difference) -> Result<ShownDifference, LogError> {
-    let mut recorded = None;
-    let mut index = 0;
-    for record in recording.records() {
-        match record {
-            Ok(Record::Message { topic, data, .. }) if *topic == *difference.topic => {
-                if index == difference.index {
-                    recorded = Some(data);
-                    break;
-                }
-                index += 1;
-            }
-            Err(error @ (LogError::Open { .. } | LogError::Read { .. })) => return Err(error),
-            _ => {}
-        }
-    }
+    let of_topic = |record: Result<Record, LogError>| match record {
+        Ok(Record::Message { topic, data, .. }) if *topic == *difference.topic => Some(Ok(data)),
+        Err(error @ (LogError::Open { .. } | LogError::Read { .. })) => Some(Err(error)),
+        _ => None,
+    };
+    let mut bodies = recording.records().filter_map(of_topic).enumerate();
+    let found = bodies.find(|(index, body)| body.is_err() || *index == difference.index);
+    let recorded = found.map(|(_, body)| body).transpose()?;
     let as_json =
         |body: Option<&[u8]>| body.and_then(|body| topics::to_json(difference.topic, body)).unwrap_or_default();
     let (before, now) = (as_json(recorded.as_deref()), as_json(difference.found.as_deref()));
