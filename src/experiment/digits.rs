@@ -227,33 +227,25 @@ fn splits(all: &Labelled, times: usize) -> Vec<Split> {
 }
 
 fn rows(bench: &Bench<'_>) -> Vec<Row> {
+    let row = |set: Set, method: Method, components: usize| Row { set, method, components };
     let small = Set::Small { times: bench.scope.pick(Sizes { full: 10, quick: 10, smoke: 1 }) };
     let plain = [Method::Discriminant, Method::Components];
-    let mut rows: Vec<Row> = plain.iter().map(|&method| Row { set: small, method, components: 30 }).collect();
+    let mut rows: Vec<Row> = plain.map(|method| row(small, method, 30)).into();
     let degrees: Sizes<[&[usize]; 3]> = Sizes {
         full: [&[5, 10, 15, 20, 30, 40], &[5, 10, 15, 20, 30, 40], &[5, 10, 15, 20]],
         quick: [&[5, 10, 15, 20, 30, 40], &[5, 10, 15, 20, 30, 40], &[5, 10, 15, 20]],
         smoke: [&[5, 10], &[5], &[5]],
     };
-    for (degree, components) in bench.scope.pick(degrees).into_iter().enumerate() {
-        rows.extend(components.iter().map(|&components| Row {
-            set: small,
-            method: Method::Sfa(degree + 1),
-            components,
-        }));
+    for (degree, components) in (1..).zip(bench.scope.pick(degrees)) {
+        rows.extend(components.iter().map(|&components| row(small, Method::Sfa(degree), components)));
     }
     let vectors = bench.scope.vectors_or(bench.scope.pick(Sizes { full: 800, quick: 800, smoke: 100 }));
-    rows.push(Row { set: small, method: Method::Kernel(vectors), components: 0 });
+    rows.push(row(small, Method::Kernel(vectors), 0));
     let large = bench.scope.pick(Sizes { full: &[(1, 100), (2, 35), (2, 100), (3, 35)][..], quick: &[], smoke: &[] });
     if !large.is_empty() {
-        rows.extend(plain.map(|method| Row { set: Set::Mnist, method, components: 100 }));
-        rows.extend(large.iter().map(|&(degree, components)| Row {
-            set: Set::Mnist,
-            method: Method::Sfa(degree),
-            components,
-        }));
-        let vectors = bench.scope.vectors_or(4000);
-        rows.push(Row { set: Set::Mnist, method: Method::Kernel(vectors), components: 0 });
+        rows.extend(plain.map(|method| row(Set::Mnist, method, 100)));
+        rows.extend(large.iter().map(|&(degree, components)| row(Set::Mnist, Method::Sfa(degree), components)));
+        rows.push(row(Set::Mnist, Method::Kernel(bench.scope.vectors_or(4000)), 0));
     }
     rows
 }
@@ -266,7 +258,7 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     let large: Once<Split> = Once::default();
     let mut found = Vec::new();
     for row in rows {
-        let (set, method, components) = (row.set, row.method, row.components);
+        let Row { set, method, components } = row;
         let of_mnist = match set {
             Set::Mnist => Some(large.get(|| mnist(&packages))?),
             Set::Small { .. } => None,

@@ -118,9 +118,9 @@ pub enum ExperimentError {
     /// A run of the agent.
     #[error("a run of the agent failed: {0}")]
     Run(String),
-    /// A decomposition that did not converge.
-    #[error("{0} did not converge")]
-    Decomposition(&'static str),
+    /// Two spans cannot be compared.
+    #[error("the singular values of two subspaces did not converge")]
+    Spans,
 }
 
 impl ExperimentError {

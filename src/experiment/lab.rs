@@ -253,13 +253,21 @@ impl Lab {
         steps.turned / (along - steps.drift).max(f64::MIN_POSITIVE)
     }
 
-    /// Links of a walk's frames, which are one action apart; derivatives of moves weigh `move_weight`, those of turns 1.
+    /// What joins two frames that are one action apart; derivatives of moves weigh `move_weight`, those of turns 1.
+    pub fn link(&self, action: Action, move_weight: f64) -> Option<Link> {
+        let weight = if action == Action::FORWARD { move_weight } else { 1.0 };
+        Some(Link { dt: self.scenario.robot.action_seconds, weight })
+    }
+
+    /// [Links](Lab::link) of a walk's frames.
     pub fn links(&self, walked: &Walked, move_weight: f64) -> Vec<Option<Link>> {
-        let link = |&action: &Action| {
-            let weight = if action == Action::FORWARD { move_weight } else { 1.0 };
-            Some(Link { dt: self.scenario.robot.action_seconds, weight })
-        };
-        std::iter::once(None).chain(walked.actions.iter().map(link)).collect()
+        let links = walked.actions.iter().map(|&action| self.link(action, move_weight));
+        std::iter::once(None).chain(links).collect()
+    }
+
+    /// Rewards of a task for some transitions between poses.
+    pub fn rewards(&self, task: usize, poses: &[Pose], transitions: &[Transition]) -> Vec<f64> {
+        transitions.iter().map(|t| self.world.plan.reward(self.task(task), poses[t.to].position)).collect()
     }
 }
 
@@ -383,11 +391,6 @@ impl Walked {
         let after = |recent: Recent, t: usize| recent.then(self.actions[t], self.blocked[t], &set);
         let recent = (first..=t).fold(Recent::default(), after);
         Transition { from: t, to: t + 1, action: self.actions[t], blocked: self.blocked[t], recent }
-    }
-
-    /// Rewards of a task for some transitions.
-    pub fn rewards(&self, lab: &Lab, task: usize, transitions: &[Transition]) -> Vec<f64> {
-        transitions.iter().map(|t| lab.world.plan.reward(lab.task(task), self.poses[t.to].position)).collect()
     }
 }
 

@@ -47,7 +47,7 @@ fn values(
     let allowed: Vec<u32> = transitions.iter().map(|t| reflexes.allowed(t.recent)).collect();
     let (ended, bounded) = (vec![false; transitions.len()], vec![rule.bounded; transitions.len()]);
     let worth = |task: usize| {
-        let mut rewards = walked.rewards(lab, task, &transitions);
+        let mut rewards = lab.rewards(task, &walked.poses, &transitions);
         if !rule.walls {
             rewards.iter_mut().for_each(|reward| *reward = reward.max(0.0));
         }

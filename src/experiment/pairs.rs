@@ -43,17 +43,9 @@ impl Pairs {
         pairs
     }
 
-    /// Rewards of a task.
-    pub fn rewards(&self, lab: &Lab, task: usize) -> Vec<f64> {
-        let reward = |t: &Transition| lab.world.plan.reward(lab.task(task), self.poses[t.to].position);
-        self.transitions.iter().map(reward).collect()
-    }
-
-    /// What joins the frames: the second of each pair to the first; derivatives of moves weigh `move_weight`, those of turns 1.
+    /// [Links](Lab::link) of the frames: the second of each pair to the first.
     pub fn links(&self, lab: &Lab, move_weight: f64) -> Vec<Option<Link>> {
-        let weight = |t: &Transition| if t.action == Action::FORWARD { move_weight } else { 1.0 };
-        let dt = lab.scenario.robot.action_seconds;
-        self.transitions.iter().flat_map(|t| [None, Some(Link { dt, weight: weight(t) })]).collect()
+        self.transitions.iter().flat_map(|t| [None, lab.link(t.action, move_weight)]).collect()
     }
 
     /// How far the actions led.

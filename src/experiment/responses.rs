@@ -436,6 +436,5 @@ fn plots(outcome: &Outcome, lab: &Lab, outcomes: &[Outcome]) -> Result<Vec<(Stri
 
 /// As [`overlap`](crate::evaluate::overlap), with this module's errors.
 pub(super) fn overlapping(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Result<(f64, f64), ExperimentError> {
-    let failed = |_| ExperimentError::Decomposition("the singular values of two subspaces");
-    crate::evaluate::overlap(a, b).map_err(failed)
+    crate::evaluate::overlap(a, b).map_err(|_| ExperimentError::Spans)
 }

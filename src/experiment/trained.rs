@@ -208,7 +208,7 @@ impl<'a> Sampled<'a> {
         let actions: Vec<usize> = self.transitions.iter().map(|t| t.action.index()).collect();
         let weights = vec![1.0; n];
         let samples = Samples { phi: self.phi.get(..d, ..n), actions: &actions, weights: &weights };
-        let rewards = self.walked.rewards(self.lab, task, &self.transitions);
+        let rewards = self.lab.rewards(task, &self.walked.poses, &self.transitions);
         let reflexes = iteration.reflexes(self.lab);
         let allowed: Vec<u32> = self.transitions.iter().map(|t| reflexes.allowed(t.recent)).collect();
         let outcomes = Outcomes { next: self.next.get(..d, ..n), rewards: &rewards, allowed: Some(&allowed) };

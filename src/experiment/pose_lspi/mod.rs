@@ -150,7 +150,7 @@ impl Prepared<'_> {
         let actions: Vec<usize> = used.iter().map(|t| t.action.index()).collect();
         let weights = vec![1.0; n];
         let problem = Lspi::new(Samples { phi, actions: &actions, weights: &weights }, 3, Par::Seq)?;
-        let rewards = self.walked.rewards(lab, CENTRE.0, used);
+        let rewards = lab.rewards(CENTRE.0, &self.walked.poses, used);
         let value = &lab.scenario.value;
         let plain =
             LspiOptions { gamma: value.gamma, max_iterations: settings.most_iterations, ..LspiOptions::plain() };

@@ -53,13 +53,8 @@ fn train(
     training: &Training,
     bench: &Bench<'_>,
 ) -> Result<(Mat<f32>, SlowModel<f32>), ExperimentError> {
-    seen(
-        lab,
-        &pairs.poses,
-        &pairs.links(lab, lab.scenario.slow.move_weight),
-        (training.vectors, training.features),
-        bench,
-    )
+    let links = pairs.links(lab, lab.scenario.slow.move_weight);
+    seen(lab, &pairs.poses, &links, (training.vectors, training.features), bench)
 }
 
 /// Mean squares of speed and turn of some pairs, m²/s² and rad²/s², with the scenario's weight of moves.

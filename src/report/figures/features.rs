@@ -2,7 +2,7 @@
 
 use faer::Mat;
 
-use super::policy::headings;
+use super::policy::{headings, label};
 use super::{Figure, Item, Material, Section};
 use crate::evaluate::{FEATURES, HEADINGS, RoomMaps, angle, features_of};
 use crate::report::draw::{Axis, Chart, Colours, DrawError, Line, Mark, Panel, Panels, SERIES, Stroke};
@@ -30,16 +30,15 @@ pub fn section(material: &Material<'_>) -> Result<Section, DrawError> {
 fn maps(material: &Material<'_>, room_maps: &RoomMaps) -> Result<Vec<Item>, DrawError> {
     let (low, high) = material.corners().unwrap_or((room_maps.grid.low, room_maps.grid.high));
     let responses = optimal(material, 60).ok().map(|(responses, _)| responses);
-    let mut items = Vec::new();
     let grid = room_maps.grid;
-    items.push(Item::Text(format!(
+    let mut items = vec![Item::Text(format!(
         "The first {} of them as test maps: {} × {} places, 8 headings, seen through a camera without noise{}. A feature of the \
          position appearance the same at all headings; a feature of the heading has one colour at each.",
         room_maps.features.len(),
         grid.columns,
         grid.rows,
         if room_maps.coarse { " (rendered as coarsely as vision allows)" } else { "" }
-    )));
+    ))];
     for (number, feature) in room_maps.features.iter().enumerate() {
         let title = format!("Feature {}", number + 1);
         let svg = Panels {
@@ -116,8 +115,7 @@ fn scatter(material: &Material<'_>, learned: &crate::policy::Learned) -> Result<
                 let colour = colours.of(*features[i].get(number)?)?;
                 Some(Mark::Dot(samples[i].pose.position.into(), 3, colour.into()))
             });
-            let label = format!("heading {:.0}°", angle(heading).to_degrees());
-            Panel { label, ..Panel::of(dots.collect()) }
+            Panel { label: label(heading), ..Panel::of(dots.collect()) }
         };
         let classes = [-REACH, 0.0, REACH].map(|value| (colours.of(value).unwrap_or_default(), format!("{value:+.0}")));
         let svg = Panels {

@@ -192,11 +192,13 @@ fn region(
 
 /// A panel for each heading.
 pub fn headings(maps: &[Map; HEADINGS]) -> Vec<Panel> {
-    let label = |heading: usize| format!("heading {:.0}°", angle(heading).to_degrees());
-    maps.iter()
-        .enumerate()
-        .map(|(heading, map)| Panel { label: label(heading), values: map.clone(), ..Panel::default() })
-        .collect()
+    let panel = |(h, map): (usize, &Map)| Panel { label: label(h), values: map.clone(), ..Panel::default() };
+    maps.iter().enumerate().map(panel).collect()
+}
+
+/// What stands above the panel of a heading.
+pub fn label(heading: usize) -> String {
+    format!("heading {:.0}°", angle(heading).to_degrees())
 }
 
 /// Panels on the room_maps's grid.

@@ -102,9 +102,11 @@ pub struct Policy {
     pub across: Option<Quality>,
 }
 
+type OfPoses = Box<dyn Fn(&[Pose]) -> Mat<f64> + Sync>;
+
 /// What makes features, without the constant one, of poses; or with it, of images.
 enum Source {
-    Poses(Box<dyn Fn(&[Pose]) -> Mat<f64> + Sync>),
+    Poses(OfPoses),
     Images(SlowModel<f32>),
 }
 
@@ -129,16 +131,15 @@ impl<'a> Shared<'a> {
 
     fn make(&self, settings: &Settings, most: usize, bench: &Bench<'_>) -> Result<Made, ExperimentError> {
         let (lab, pairs) = (self.lab, &self.pairs);
-        let of_poses: Box<dyn Fn(&[Pose]) -> Mat<f64> + Sync> = match settings.kind {
+        let of_poses: OfPoses = match settings.kind {
             Features::Trigonometric => {
                 let (speed, turn) = speeds(lab, pairs);
                 let waves = OptimalResponses::slowest(&lab.axes()?, &plane_motion(speed, turn), most - 1)?;
-                let of = move |poses: &[Pose]| waves.evaluate(points(poses).as_ref());
-                Box::new(move |poses: &[Pose]| of(poses).expect("the robot is near the rooms"))
+                Box::new(move |poses| waves.evaluate(points(poses).as_ref()).expect("the robot is near the rooms"))
             }
             Features::Optimal => {
                 let responses = optimal_responses(lab, pairs, most - 1)?;
-                Box::new(move |poses: &[Pose]| responses.evaluate(points(poses).as_ref()))
+                Box::new(move |poses| responses.evaluate(points(poses).as_ref()))
             }
             Features::Vision => {
                 let (frames, model) = train(lab, pairs, &settings.training, bench)?;
@@ -158,7 +159,7 @@ impl<'a> Shared<'a> {
         let problem = Lspi::new(Samples { phi: phi.as_ref(), actions: &actions, weights: &weights }, 3, Par::Seq)?;
         let policy = |task: usize, iteration: Iteration| {
             bench.go_on()?;
-            let rewards = self.pairs.rewards(lab, task);
+            let rewards = lab.rewards(task, &self.pairs.poses, &self.pairs.transitions);
             let reflexes = iteration.reflexes(lab);
             let allowed: Vec<u32> = self.pairs.transitions.iter().map(|t| reflexes.allowed(t.recent)).collect();
             let outcomes = Outcomes { next: next.as_ref(), rewards: &rewards, allowed: Some(&allowed) };
