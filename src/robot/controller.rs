@@ -106,11 +106,6 @@ impl Controller {
         self.ended
     }
 
-    /// What it wants now.
-    pub fn wanted(&self) -> Velocity {
-        self.wanted
-    }
-
     /// How much of it is done, as a share.
     pub fn share(&self) -> f64 {
         match self.motion.distance == 0.0 {

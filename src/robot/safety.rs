@@ -82,37 +82,20 @@ pub enum Cause {
 }
 
 impl Cause {
-    /// All of them.
-    pub const ALL: [Cause; 11] = [
-        Cause::Camera,
-        Cause::Frozen,
-        Cause::Odometry,
-        Cause::Scan,
-        Cause::EmergencyStop,
-        Cause::EmergencyStopSilent,
-        Cause::Lock,
-        Cause::Near,
-        Cause::Paused,
-        Cause::Battery,
-        Cause::Ended,
+    /// All of them, as texts have them.
+    const NAMES: [(Cause, &str); 11] = [
+        (Cause::Camera, "no fresh camera image"),
+        (Cause::Frozen, "the camera is frozen"),
+        (Cause::Odometry, "no fresh odometry"),
+        (Cause::Scan, "no fresh scan"),
+        (Cause::EmergencyStop, "the emergency stop is pressed"),
+        (Cause::EmergencyStopSilent, "the emergency stop is silent"),
+        (Cause::Lock, "locked"),
+        (Cause::Near, "something is too near"),
+        (Cause::Paused, "the run is paused"),
+        (Cause::Battery, "the battery is low"),
+        (Cause::Ended, "the run is over"),
     ];
-
-    /// As texts have it.
-    pub fn name(self) -> &'static str {
-        match self {
-            Cause::Camera => "no fresh camera image",
-            Cause::Frozen => "the camera is frozen",
-            Cause::Odometry => "no fresh odometry",
-            Cause::Scan => "no fresh scan",
-            Cause::EmergencyStop => "the emergency stop is pressed",
-            Cause::EmergencyStopSilent => "the emergency stop is silent",
-            Cause::Lock => "locked",
-            Cause::Near => "something is too near",
-            Cause::Paused => "the run is paused",
-            Cause::Battery => "the battery is low",
-            Cause::Ended => "the run is over",
-        }
-    }
 }
 
 /// Some causes.
@@ -147,7 +130,7 @@ impl Causes {
 
 impl fmt::Display for Causes {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let names: Vec<&str> = Cause::ALL.into_iter().filter(|&cause| self.has(cause)).map(Cause::name).collect();
+        let names: Vec<&str> = Cause::NAMES.into_iter().filter(|of| self.has(of.0)).map(|of| of.1).collect();
         f.write_str(&names.join(", "))
     }
 }
@@ -169,8 +152,6 @@ pub struct SafetySettings {
     pub teleop: Duration,
     /// Whether a person must let the robot go on after each stop.
     pub hold: bool,
-    /// The robot's radius, metres.
-    pub radius: f64,
     /// What must be left between the robot and what is ahead when it has stopped, metres.
     pub margin: f64,
     /// How long the robot goes on before a command to stop is heeded.
@@ -512,7 +493,6 @@ mod tests {
             lock: Some(ms(500)),
             teleop: ms(800),
             hold,
-            radius: 0.25,
             margin: 0.05,
             reaction: ms(150),
             still: Velocity { linear: 0.02, angular: 0.03 },

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::keys::{Range, Section};
+use super::keys::{Section, within};
 use super::sections::Robot;
 use super::texture::Texture;
 
@@ -71,52 +71,31 @@ impl Change {
     }
 
     pub(super) fn read(s: &mut Section<'_, '_>, base: &Path, index: usize) -> Self {
-        #[derive(Clone, Copy)]
-        enum Kind {
-            Light,
-            Wall,
-            Goal,
-            Freeze,
-            Lose,
-        }
-        const KINDS: [(&str, Kind); 5] = [
-            ("light", Kind::Light),
-            ("wall", Kind::Wall),
-            ("goal", Kind::Goal),
-            ("freeze", Kind::Freeze),
-            ("lose", Kind::Lose),
-        ];
         const MOST_FRAMES: usize = 1_000_000;
-        let action = s.count("action", 0, "", 0, 1_000_000_000, "it happens before this action, counted from 0");
-        let what = match s.choice("kind", 0, &KINDS, "what happens") {
-            Kind::Light => ChangeKind::Light {
-                factor: s.number(
-                    "factor",
-                    1.0,
-                    "",
-                    Range::within(0.05, 20.0),
-                    "brightness from then on, 1: as at first",
-                ),
-                over: s.count("over", 0, "actions", 0, 1_000_000_000, "how long it takes to get there"),
+        let action = s.count("action", 0, "", 0..=1_000_000_000, "it happens before this action, counted from 0");
+        let kinds = ["light", "wall", "goal", "freeze", "lose"].map(|kind| (kind, kind));
+        let what = match s.choice("kind", &kinds, "what happens") {
+            "light" => ChangeKind::Light {
+                factor: s.number("factor", 1.0, "", within(0.05, 20.0), "brightness from then on, 1: as at first"),
+                over: s.count("over", 0, "actions", 0..=1_000_000_000, "how long it takes to get there"),
             },
-            Kind::Wall => ChangeKind::Texture {
-                wall: s.count("wall", 0, "", 0, 100_000, "number of the wall that gets another texture, from 0"),
+            "wall" => ChangeKind::Texture {
+                wall: s.count("wall", 0, "", 0..=100_000, "number of the wall that gets another texture, from 0"),
                 texture: Texture::changed(s, base, index),
             },
-            Kind::Goal => ChangeKind::Goal {
-                task: s.count("task", 0, "", 0, 100_000, "number of the task whose goal moves, from 0"),
+            "goal" => ChangeKind::Goal {
+                task: s.count("task", 0, "", 0..=100_000, "number of the task whose goal moves, from 0"),
                 goal: s.point("goal", [1.5, 0.9], "the new centre of its goal area"),
             },
-            Kind::Freeze => ChangeKind::Freeze {
-                frames: s.count("frames", 50, "frames", 1, MOST_FRAMES, "how long the camera gives the same picture"),
+            "freeze" => ChangeKind::Freeze {
+                frames: s.count("frames", 50, "frames", 1..=MOST_FRAMES, "how long the camera gives the same picture"),
             },
-            Kind::Lose => ChangeKind::Lose {
+            _ => ChangeKind::Lose {
                 frames: s.count(
                     "frames",
                     50,
                     "frames",
-                    1,
-                    MOST_FRAMES,
+                    1..=MOST_FRAMES,
                     "how long the camera gives no pictures but the last one of each action",
                 ),
             },

@@ -6,6 +6,7 @@
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 use toml::Spanned;
@@ -38,17 +39,17 @@ pub struct Range {
     low_open: bool,
 }
 
+/// `low ≤ value ≤ high`.
+pub const fn within(low: f64, high: f64) -> Range {
+    Range { low, high, low_open: false }
+}
+
+/// `low < value ≤ high`.
+pub const fn above(low: f64, high: f64) -> Range {
+    Range { low, high, low_open: true }
+}
+
 impl Range {
-    /// `low ≤ value ≤ high`.
-    pub const fn within(low: f64, high: f64) -> Self {
-        Range { low, high, low_open: false }
-    }
-
-    /// `low < value ≤ high`.
-    pub const fn above(low: f64, high: f64) -> Self {
-        Range { low, high, low_open: true }
-    }
-
     fn holds(&self, value: f64) -> bool {
         value.is_finite() && value <= self.high && (value > self.low || !self.low_open && value == self.low)
     }
@@ -216,7 +217,7 @@ impl<'t> Section<'_, 't> {
                 None => self.refuse(key, line, &shown(&value), "a whole number of the run's actions", default),
             },
         };
-        self.number_in(key, found, default, "", Range::within(0.0, 1.0), doc)
+        self.number_in(key, found, default, "", within(0.0, 1.0), doc)
     }
 
     fn number_in(&mut self, key: &str, found: Found<'t>, default: f64, unit: &str, range: Range, doc: &str) -> f64 {
@@ -232,38 +233,37 @@ impl<'t> Section<'_, 't> {
         value
     }
 
-    /// A whole number.
-    pub fn count(&mut self, key: &str, default: usize, unit: &str, low: usize, high: usize, doc: &str) -> usize {
-        let range = format!("[{low}, {high}]");
-        let value = match self.take(key) {
+    /// What a key holds, as `read` takes it; refused where that gives nothing.
+    fn value<T>(&mut self, key: &str, default: T, allowed: &str, read: impl FnOnce(&DeValue<'t>) -> Option<T>) -> T {
+        match self.take(key) {
             Found::Nothing => default,
-            Found::Value(value, line) => match whole_number(&value) {
-                Some(n) if (low..=high).contains(&n) => n,
-                _ => self.refuse(key, line, &shown(&value), &format!("a whole number in {range}"), default),
+            Found::Value(value, line) => match read(&value) {
+                Some(read) => read,
+                None => self.refuse(key, line, &shown(&value), allowed, default),
             },
-        };
-        self.write(key, &value.to_string(), &format!("{}{range}: {doc}", spaced(unit)));
+        }
+    }
+
+    /// A whole number.
+    pub fn count(&mut self, key: &str, default: usize, unit: &str, range: RangeInclusive<usize>, doc: &str) -> usize {
+        let allowed = format!("[{}, {}]", range.start(), range.end());
+        let read = |value: &DeValue<'_>| whole_number(value).filter(|number| range.contains(number));
+        let value = self.value(key, default, &format!("a whole number in {allowed}"), read);
+        self.write(key, &value.to_string(), &format!("{}{allowed}: {doc}", spaced(unit)));
         value
     }
 
     /// `true` or `false`.
     pub fn flag(&mut self, key: &str, default: bool, doc: &str) -> bool {
-        let value = match self.take(key) {
-            Found::Nothing => default,
-            Found::Value(DeValue::Boolean(flag), _) => flag,
-            Found::Value(other, line) => self.refuse(key, line, &shown(&other), "true or false", default),
-        };
+        let value = self.value(key, default, "true or false", DeValue::as_bool);
         self.write(key, &value.to_string(), doc);
         value
     }
 
     /// A text.
     pub fn text(&mut self, key: &str, default: &str, doc: &str) -> String {
-        let value = match self.take(key) {
-            Found::Nothing => default.to_owned(),
-            Found::Value(DeValue::String(text), _) => text.into_owned(),
-            Found::Value(other, line) => self.refuse(key, line, &shown(&other), "a text in quotes", default.to_owned()),
-        };
+        let read = |value: &DeValue<'_>| value.as_str().map(str::to_owned);
+        let value = self.value(key, default.to_owned(), "a text in quotes", read);
         self.write(key, &toml::Value::String(value.clone()).to_string(), doc);
         value
     }
@@ -290,16 +290,17 @@ impl<'t> Section<'_, 't> {
         value
     }
 
-    /// One of a few words.
-    pub fn choice<T: Copy>(&mut self, key: &str, default: usize, choices: &[(&str, T)], doc: &str) -> T {
+    /// One of a few words, the first of them by default.
+    pub fn choice<T: Copy>(&mut self, key: &str, choices: &[(&str, T)], doc: &str) -> T {
+        self.choice_from(key, 0, choices, doc)
+    }
+
+    /// One of a few words; the default by its index.
+    pub fn choice_from<T: Copy>(&mut self, key: &str, default: usize, choices: &[(&str, T)], doc: &str) -> T {
         let names = choices.iter().map(|(name, _)| format!("{name:?}")).collect::<Vec<_>>().join(" | ");
-        let index = match self.take(key) {
-            Found::Nothing => default,
-            Found::Value(value, line) => {
-                let found = value.as_str().and_then(|word| choices.iter().position(|(name, _)| *name == word));
-                found.unwrap_or_else(|| self.refuse(key, line, &shown(&value), &names, default))
-            }
-        };
+        let index = self.value(key, default, &names, |value| {
+            value.as_str().and_then(|word| choices.iter().position(|(name, _)| *name == word))
+        });
         self.write(key, &format!("{:?}", choices[index].0), &format!("{names}: {doc}"));
         choices[index].1
     }
@@ -320,14 +321,8 @@ impl<'t> Section<'_, 't> {
         doc: &str,
     ) -> Option<f64> {
         let allowed = format!("\"{word}\" or a number in {range}");
-        let value = match self.take(key) {
-            Found::Nothing => default,
-            Found::Value(value, _) if value.as_str() == Some(word) => None,
-            Found::Value(value, line) => match as_number(&value) {
-                Some(number) if range.holds(number) => Some(number),
-                _ => self.refuse(key, line, &shown(&value), &allowed, default),
-            },
-        };
+        let read = |value: &DeValue<'_>| or_word(value, word, |value| as_number(value).filter(|&n| range.holds(n)));
+        let value = self.value(key, default, &allowed, read);
         let shown = value.map_or_else(|| format!("{word:?}"), |number| format!("{number:?}"));
         self.write(key, &shown, &format!("{}{allowed}: {doc}", spaced(unit)));
         value
@@ -335,30 +330,15 @@ impl<'t> Section<'_, 't> {
 
     /// A point of the plane, `[x, y]` in metres.
     pub fn point(&mut self, key: &str, default: [f64; 2], doc: &str) -> [f64; 2] {
-        let value = match self.take(key) {
-            Found::Nothing => default,
-            Found::Value(value, line) => match as_point(&value) {
-                Some(point) => point,
-                None => self.refuse(key, line, &shown(&value), "two finite numbers, [x, y]", default),
-            },
-        };
+        let value = self.value(key, default, "two finite numbers, [x, y]", as_point);
         self.write(key, &format!("{value:?}"), &format!("m: {doc}"));
         value
     }
 
     /// The same, or a word instead of it: `None`.
     pub fn point_or(&mut self, key: &str, default: Option<[f64; 2]>, word: &str, doc: &str) -> Option<[f64; 2]> {
-        let value = match self.take(key) {
-            Found::Nothing => default,
-            Found::Value(value, _) if value.as_str() == Some(word) => None,
-            Found::Value(value, line) => match as_point(&value) {
-                Some(point) => Some(point),
-                None => {
-                    let allowed = format!("two finite numbers, [x, y], or \"{word}\"");
-                    self.refuse(key, line, &shown(&value), &allowed, default)
-                }
-            },
-        };
+        let allowed = format!("two finite numbers, [x, y], or \"{word}\"");
+        let value = self.value(key, default, &allowed, |value| or_word(value, word, as_point));
         let text = value.map_or_else(|| format!("{word:?}"), |point| format!("{point:?}"));
         self.write(key, &text, &format!("m, or \"{word}\": {doc}"));
         value
@@ -563,6 +543,11 @@ fn as_number(value: &DeValue<'_>) -> Option<f64> {
         DeValue::Integer(i) => i128::from_str_radix(i.as_str(), i.radix()).ok().map(|n| n as f64),
         _ => None,
     }
+}
+
+/// What `read` gives, or the word instead of it: the inner `None`.
+fn or_word<T>(value: &DeValue<'_>, word: &str, read: impl Fn(&DeValue<'_>) -> Option<T>) -> Option<Option<T>> {
+    if value.as_str() == Some(word) { Some(None) } else { read(value).map(Some) }
 }
 
 fn as_point(value: &DeValue<'_>) -> Option<[f64; 2]> {

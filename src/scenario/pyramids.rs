@@ -1,6 +1,6 @@
 //! `[[world.pyramid]]`: pyramids outside, above the walls.
 
-use super::keys::{Range, Section};
+use super::keys::{Section, above, within};
 
 /// Farther away than this nothing is placed, metres.
 const FARTHEST: f64 = 10_000.0;
@@ -22,7 +22,7 @@ pub struct Pyramid {
 
 impl Pyramid {
     pub(super) fn read(s: &mut Section<'_, '_>, index: usize) -> Self {
-        let size = Range::above(0.0, FARTHEST);
+        let size = above(0.0, FARTHEST);
         // By default they stand around the place where most rooms are, none like another.
         let angle = index as f64 * 2.4;
         let centre = [angle.cos(), angle.sin()].map(|way| (60.0 * way).round());
@@ -30,8 +30,8 @@ impl Pyramid {
             centre: s.point("centre", centre, "centre of its base, outside the walls"),
             side: s.number("side", 20.0 + 5.0 * (index % 4) as f64, "m", size, "side of its base"),
             height: s.number("height", 14.0 + 3.0 * (index % 3) as f64, "m", size, "height of its top"),
-            turn_deg: s.number("turn_deg", 0.0, "degrees", Range::within(-360.0, 360.0), "turn of its base"),
-            hue: s.number("hue", 42.0, "degrees", Range::within(0.0, 360.0), "colour"),
+            turn_deg: s.number("turn_deg", 0.0, "degrees", within(-360.0, 360.0), "turn of its base"),
+            hue: s.number("hue", 42.0, "degrees", within(0.0, 360.0), "colour"),
         };
         if pyramid.centre.iter().any(|place| place.abs() > FARTHEST) {
             let text = format!("= {:?} is not allowed: both must be in [-{FARTHEST}, {FARTHEST}]", pyramid.centre);

@@ -7,7 +7,7 @@ use std::path::Path;
 
 use nalgebra::Point2;
 
-use super::keys::{Range, Section};
+use super::keys::{Section, above};
 use super::texture::{Defaults, Texture};
 
 /// Sides of a room in the order of their walls: counter-clockwise, from the side of the smallest y.
@@ -67,8 +67,9 @@ impl Room {
             );
             s.fault_here("corners", text);
         }
-        let height = s.number("height", 0.9, "m", Range::above(0.0, 100.0), "height of its walls");
-        let paper = Texture::read(s, base, Defaults::room(index));
+        let height = s.number("height", 0.9, "m", above(0.0, 100.0), "height of its walls");
+        // Rooms differ as walls do.
+        let paper = Texture::read(s, base, Defaults::wall(index));
         let sides = std::array::from_fn(|side| {
             let doc = format!("its {} wall, where that has another texture", SIDES[side]);
             s.inner(SIDES[side], &doc, |s| Texture::read(s, base, Defaults::side(&paper, side)))

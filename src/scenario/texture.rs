@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::keys::{Range, Section};
+use super::keys::{Range, Section, within};
 
 /// A surface: an image file or a procedural pattern.
 #[derive(Debug, Clone, PartialEq)]
@@ -41,7 +41,7 @@ pub enum Pattern {
 }
 
 /// Scales of walls and floors, metres.
-const METRES: Range = Range::within(0.01, 1000.0);
+const METRES: Range = within(0.01, 1000.0);
 
 /// Patterns by the words of the file.
 const PATTERNS: [(&str, Pattern); 6] = [
@@ -85,7 +85,7 @@ impl Defaults {
         hue_spread: 60.0,
         contrast: 0.5,
         seed: 1002,
-        range: Range::within(1.0, 360.0),
+        range: within(1.0, 360.0),
     };
 
     /// Walls differ in hue and pattern unless the file says otherwise.
@@ -101,11 +101,6 @@ impl Defaults {
             seed: index + 1,
             range: METRES,
         }
-    }
-
-    /// Rooms differ as walls do.
-    pub(super) fn room(index: usize) -> Defaults {
-        Defaults::wall(index)
     }
 
     /// A side of a room has the texture of the room, but in no two of them the pattern is the same.
@@ -139,7 +134,7 @@ impl Texture {
         }
         Texture {
             image,
-            pattern: s.choice(
+            pattern: s.choice_from(
                 "pattern",
                 d.pattern,
                 &PATTERNS,
@@ -152,16 +147,10 @@ impl Texture {
                 d.range,
                 "size of the pattern's elements, or height of one image",
             ),
-            hue: s.number("hue", d.hue, "degrees", Range::within(0.0, 360.0), "base colour"),
-            hue_spread: s.number(
-                "hue_spread",
-                d.hue_spread,
-                "degrees",
-                Range::within(0.0, 360.0),
-                "how far colours stray",
-            ),
-            contrast: s.number("contrast", d.contrast, "", Range::within(0.0, 1.0), "0: plain"),
-            seed: s.count("seed", d.seed, "", 0, u32::MAX as usize, "seed of the pattern") as u64,
+            hue: s.number("hue", d.hue, "degrees", within(0.0, 360.0), "base colour"),
+            hue_spread: s.number("hue_spread", d.hue_spread, "degrees", within(0.0, 360.0), "how far colours stray"),
+            contrast: s.number("contrast", d.contrast, "", within(0.0, 1.0), "0: plain"),
+            seed: s.count("seed", d.seed, "", 0..=u32::MAX as usize, "seed of the pattern") as u64,
         }
     }
 }

@@ -1,6 +1,6 @@
 //! `[topics]`: what another program's log calls its things.
 
-use super::keys::{Range, Section};
+use super::keys::{Section, within};
 
 /// `[topics]`: which topic of another program's log is what. Our own logs need none of it.
 #[derive(Debug, Clone, PartialEq)]
@@ -80,10 +80,9 @@ impl Topics {
             ),
             sonar: topic(s, "sonar", "sensor_msgs LaserScan"),
             mark: topic(s, "mark", "std_msgs String, the name of a task that is shown; \"auto\" is /adagio/mark"),
-            every: s.count("every", 1, "images", 1, 1000, "each n-th image is used"),
+            every: s.count("every", 1, "images", 1..=1000, "each n-th image is used"),
             stamps: s.choice(
                 "stamps",
-                0,
                 &[("header", Stamps::Header), ("log", Stamps::Log)],
                 "which clock counts; a header without a stamp counts as logged",
             ),
@@ -91,7 +90,7 @@ impl Topics {
                 "gap_intervals",
                 2.5,
                 "usual intervals between images",
-                Range::within(1.5, 1e6),
+                within(1.5, 1e6),
                 "over a longer break nothing is learned",
             ),
         }

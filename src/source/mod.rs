@@ -10,6 +10,7 @@ pub use imported::{ImportReport, Imported};
 pub use recorded::{Recorded, Resumed};
 pub use segments::{Rule, Segment, Segmenter, Step};
 
+use crate::log::messages as msg;
 use crate::policy::Goto;
 use crate::robot::{Action, Pose};
 use crate::scenario::{FORGET, Scenario};
@@ -56,6 +57,25 @@ pub(crate) fn of_log(pose: Pose) -> Pose {
     // The largest one that stays below π.
     const MOST: f32 = std::f32::consts::PI.next_down();
     Pose { heading: f64::from((pose.heading as f32).clamp(-MOST, MOST)), ..pose }
+}
+
+/// Where a message says that something is, in the plane.
+pub(crate) fn planar(pose: &msg::Pose) -> Pose {
+    Pose::new([pose.position.x, pose.position.y].into(), pose.heading())
+}
+
+/// Give frames until one is a boundary; whether that came, and all of them were taken.
+fn give_until_boundary(mut next: impl FnMut() -> Option<Frame>, give: &mut dyn FnMut(Frame) -> bool) -> bool {
+    while let Some(frame) = next() {
+        let ends = frame.boundary.is_some();
+        if !give(frame) {
+            return false;
+        }
+        if ends {
+            return true;
+        }
+    }
+    false
 }
 
 /// Somebody says what a task's goal is, or what is to be avoided, while the robot is there.
@@ -187,7 +207,6 @@ pub trait Source {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::log::messages as msg;
 
     #[test]
     fn odometry_is_what_a_log_gives_back_to_the_bit() {

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
 
-use super::{Boundary, Frame, Mark, Source, View};
+use super::{Boundary, Frame, Mark, Source, View, give_until_boundary};
 use crate::policy::Goto;
 use crate::robot::{Action, Pose};
 use crate::scenario::Scenario;
@@ -104,55 +104,42 @@ impl Driver {
 }
 
 impl Driven {
-    /// Give frames until an action or an episode has ended; whether there may be more.
-    fn run(&mut self, action: Option<Action>, give: &mut dyn FnMut(Frame) -> bool) -> bool {
-        while let Ok(Shown { image, truth, begins, ends, marks, goto }) = self.shown.recv() {
-            self.fresh |= begins;
-            // The first frame of an episode ends whatever was before it.
-            let action = action.filter(|_| !self.fresh);
-            let (boundary, rewards, episode) = match ends {
-                // An episode may be over with its first frame.
-                Ends::Action { episode, .. } if self.fresh => (Some(Boundary { blocked: false }), Vec::new(), episode),
-                Ends::Nothing if self.fresh => (Some(Boundary { blocked: false }), Vec::new(), false),
-                Ends::Nothing => (None, Vec::new(), false),
-                Ends::Action { blocked, rewards, episode } => (Some(Boundary { blocked }), rewards, episode),
-            };
-            self.fresh = episode;
-            let frame = Frame {
-                number: self.number,
-                stamp_ns: self.stamp_ns + (1e9 * self.scenario.robot.frame_seconds()) as u64,
-                view: View::Image(image),
-                truth: truth.filter(|_| self.scenario.robot.pose_known),
-                odometry: None,
-                sonar: Vec::new(),
-                action,
-                boundary,
-                moved: Vec::new(),
-                marks,
-                goto: goto.filter(|_| boundary.is_some()),
-                rewards,
-            };
-            (self.number, self.stamp_ns) = (frame.number + 1, frame.stamp_ns);
-            let ends = boundary.is_some();
-            if !give(frame) {
-                return false;
-            }
-            if ends {
-                return true;
-            }
-        }
-        false
+    /// The next frame, during an action or behind it.
+    fn next(&mut self, action: Option<Action>) -> Option<Frame> {
+        let Shown { image, truth, begins, ends, marks, goto } = self.shown.recv().ok()?;
+        self.fresh |= begins;
+        // The first frame of an episode ends whatever was before it.
+        let action = action.filter(|_| !self.fresh);
+        let (boundary, rewards, episode) = match ends {
+            // An episode may be over with its first frame.
+            Ends::Action { episode, .. } if self.fresh => (Some(Boundary { blocked: false }), Vec::new(), episode),
+            Ends::Nothing if self.fresh => (Some(Boundary { blocked: false }), Vec::new(), false),
+            Ends::Nothing => (None, Vec::new(), false),
+            Ends::Action { blocked, rewards, episode } => (Some(Boundary { blocked }), rewards, episode),
+        };
+        self.fresh = episode;
+        let frame = Frame {
+            number: self.number,
+            stamp_ns: self.stamp_ns + (1e9 * self.scenario.robot.frame_seconds()) as u64,
+            view: View::Image(image),
+            truth: truth.filter(|_| self.scenario.robot.pose_known),
+            odometry: None,
+            sonar: Vec::new(),
+            action,
+            boundary,
+            moved: Vec::new(),
+            marks,
+            goto: goto.filter(|_| boundary.is_some()),
+            rewards,
+        };
+        (self.number, self.stamp_ns) = (frame.number + 1, frame.stamp_ns);
+        Some(frame)
     }
 }
 
 impl Source for Driven {
     fn first(&mut self) -> Option<Frame> {
-        let mut first = None;
-        self.run(None, &mut |frame| {
-            first = Some(frame);
-            true
-        });
-        first
+        self.next(None)
     }
 
     fn execute(&mut self, action: Action, give: &mut dyn FnMut(Frame) -> bool) -> bool {
@@ -160,7 +147,7 @@ impl Source for Driven {
         if !self.fresh && self.actions.send(action).is_err() {
             return false;
         }
-        self.run(Some(action), give)
+        give_until_boundary(|| self.next(Some(action)), give)
     }
 
     fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {

@@ -3,14 +3,12 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use nalgebra::Point2;
-
-use super::{Boundary, Frame, GoalMove, Journal, Mark, Source, View, of_log, parse_goto, parse_mark};
-use crate::log::files::FilesReader;
-use crate::log::messages::{
-    self as msg, FrameTaken, GoalMoved, Image, LaserScan, Odometry, PoseStamped, RewardGiven, Text,
+use super::{
+    Boundary, Frame, GoalMove, Journal, Mark, Source, View, give_until_boundary, of_log, parse_goto, parse_mark, planar,
 };
-use crate::log::{LogError, Message, Record, topics};
+use crate::log::files::FilesReader;
+use crate::log::messages::{FrameTaken, GoalMoved, Image, LaserScan, Odometry, PoseStamped, RewardGiven, Text};
+use crate::log::{LogError, Record, topics};
 use crate::policy::Goto;
 use crate::robot::{Action, Pose};
 use crate::scenario::{Body, Scenario};
@@ -68,12 +66,6 @@ impl Recorded {
         self.ahead.pop_front()
     }
 
-    /// Whether there is a frame left.
-    pub fn has_more(&mut self) -> bool {
-        self.fill();
-        !self.ahead.is_empty()
-    }
-
     fn fill(&mut self) {
         while self.ahead.is_empty() {
             match self.records.next() {
@@ -110,31 +102,31 @@ impl Recorded {
             (self.sequence, self.parts) = (*sequence, Sensed::default());
         }
         if is(topics::POSE.name()) {
-            self.parts.pose = Some(planar(&decode::<PoseStamped>(record)?.pose));
+            self.parts.pose = Some(planar(&record.decode::<PoseStamped>()?.pose));
         } else if is(topics::ODOMETRY.name()) {
-            self.parts.odometry = Some(planar(&decode::<Odometry>(record)?.pose.pose));
+            self.parts.odometry = Some(planar(&record.decode::<Odometry>()?.pose.pose));
         } else if is(topics::SONAR.name()) {
-            let scan = decode::<LaserScan>(record)?;
+            let scan = record.decode::<LaserScan>()?;
             // Nothing within range is +∞ in the log.
             self.parts.sonar = Some(scan.ranges.iter().map(|&range| range.min(scan.range_max)).collect());
         } else if is(topics::FRAME.name()) {
-            self.parts.taken = Some(decode(record)?);
+            self.parts.taken = Some(record.decode()?);
         } else if is(topics::GOAL.name()) {
-            let moved: GoalMoved = decode(record)?;
+            let moved: GoalMoved = record.decode()?;
             let task = self.scenario.tasks.iter().position(|task| task.name == moved.task);
             self.parts.moved.extend(task.map(|task| GoalMove { task, goal: [moved.x, moved.y] }));
         } else if is(topics::MARK.name()) {
-            self.parts.marks.extend(parse_mark(&decode::<Text>(record)?.data, &self.scenario).ok());
+            self.parts.marks.extend(parse_mark(&record.decode::<Text>()?.data, &self.scenario).ok());
         } else if is(topics::GOTO.name()) {
-            self.parts.goto = parse_goto(&decode::<Text>(record)?.data, &self.scenario).ok();
+            self.parts.goto = parse_goto(&record.decode::<Text>()?.data, &self.scenario).ok();
         } else if is(topics::REWARD.name()) {
-            let given: RewardGiven = decode(record)?;
+            let given: RewardGiven = record.decode()?;
             self.parts.rewards.resize(self.scenario.tasks.len(), f64::NAN);
             if let Some(task) = self.scenario.tasks.iter().position(|task| task.name == given.task) {
                 self.parts.rewards[task] = given.reward;
             }
         } else {
-            let image = decode::<Image>(record)?;
+            let image = record.decode::<Image>()?;
             let parts = std::mem::take(&mut self.parts);
             if parts.taken.as_ref().is_some_and(|taken| self.skip_to.is_some_and(|last| taken.frame <= last)) {
                 return Ok(());
@@ -184,16 +176,11 @@ impl Source for Recorded {
     }
 
     fn execute(&mut self, _: Action, give: &mut dyn FnMut(Frame) -> bool) -> bool {
-        while let Some(frame) = self.take() {
-            let ends = frame.boundary.is_some();
-            if !give(frame) {
-                break;
-            }
-            if ends {
-                return self.has_more();
-            }
+        if !give_until_boundary(|| self.take(), give) {
+            return false;
         }
-        false
+        self.fill();
+        !self.ahead.is_empty()
     }
 }
 
@@ -253,12 +240,4 @@ impl Source for Resumed {
     fn persist(&mut self, parts: &mut Snapshot) -> Result<(), SnapshotError> {
         self.live.persist(parts)
     }
-}
-
-fn decode<M: Message>(record: &Record) -> Result<M, LogError> {
-    record.decode()
-}
-
-fn planar(pose: &msg::Pose) -> Pose {
-    Pose::new(Point2::new(pose.position.x, pose.position.y), pose.heading())
 }

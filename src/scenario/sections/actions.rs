@@ -2,7 +2,7 @@
 
 use super::robot::{Body, Robot};
 use crate::robot::{ActionSet, ActionSpec, MOST_ACTIONS, Motion};
-use crate::scenario::keys::{Range, Reader, Section};
+use crate::scenario::keys::{Reader, Section, within};
 
 /// An action, with the name of the one that undoes it.
 struct Entry {
@@ -13,8 +13,8 @@ struct Entry {
 
 impl Entry {
     fn read(s: &mut Section<'_, '_>, index: usize) -> Self {
-        let way = Range::within(-1000.0, 1000.0);
-        let turn = Range::within(-360.0, 360.0);
+        let way = within(-1000.0, 1000.0);
+        let turn = within(-360.0, 360.0);
         Entry {
             name: s.text("name", &format!("action {index}"), "unique name"),
             motion: Motion {

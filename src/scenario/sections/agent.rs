@@ -2,7 +2,7 @@
 
 use super::robot::{Body, Robot};
 use crate::log::{Compression, MAX_CHUNK_TARGET_BYTES};
-use crate::scenario::keys::{Range, Section};
+use crate::scenario::keys::{Section, above, within};
 
 /// How model swaps are timed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -100,70 +100,56 @@ impl Agent {
         Agent {
             mode: s.choice(
                 "mode",
-                0,
                 &[("lockstep", Mode::Lockstep), ("realtime", Mode::Realtime)],
-                "a model takes effect latency_frames after the request, or when it is ready",
-            ),
+                "a model takes effect latency_frames after the request, or when it is ready"),
             resolve_frames: s.count(
                 "resolve_frames",
                 resolve_frames,
                 "frames",
-                10,
-                1_000_000_000,
-                "between two requests for a model",
-            ),
+                10..=1_000_000_000,
+                "between two requests for a model"),
             latency_frames: s.count(
                 "latency_frames",
                 resolve_frames / 2,
                 "frames",
-                0,
-                1_000_000_000,
-                "from request to effect (lockstep)",
-            ),
-            queue: s.count("queue", 64, "messages", 1, 65_536, "capacity of the queues between actors"),
+                0..=1_000_000_000,
+                "from request to effect (lockstep)"),
+            queue: s.count("queue", 64, "messages", 1..=65_536, "capacity of the queues between actors"),
             threads: s.count(
                 "threads",
                 1,
                 "",
-                1,
-                256,
-                "for each matrix product, of the stream and of the solvers beside it; results do not depend on it",
-            ),
+                1..=256,
+                "for each matrix product, of the stream and of the solvers beside it; results do not depend on it"),
             compute: s.choice(
                 "compute",
-                0,
                 &[("auto", Compute::Auto), ("cpu", Compute::Cpu), ("gpu", Compute::Gpu)],
-                "who computes kernel values of the window; auto: a graphics processor, where that is faster; results do not depend on it",
-            ),
+                "who computes kernel values of the window; auto: a graphics processor, where that is faster; results do not depend on it"),
             memory_gb: s.number_or_auto(
                 "memory_gb",
                 "GB",
-                Range::above(0.0, 1e6),
+                above(0.0, 1e6),
                 "most memory; auto: four fifths of what the machine has",
             ),
             over_memory: s.choice(
                 "over_memory",
-                0,
                 &[("refuse", OverMemory::Refuse), ("shrink", OverMemory::Shrink)],
-                "a scenario that needs more is refused, or its budget of support vectors is lowered",
-            ),
+                "a scenario that needs more is refused, or its budget of support vectors is lowered"),
             when_behind: s.choice(
                 "when_behind",
-                0,
                 &[("wait", WhenBehind::Wait), ("drop", WhenBehind::Drop)],
-                "frames wait until they are learned from, or some are dropped, never the last one of an action (realtime only)",
-            ),
+                "frames wait until they are learned from, or some are dropped, never the last one of an action (realtime only)"),
             speed: s.number_or_auto(
                 "speed",
                 "times real time",
-                Range::within(0.01, 1e6),
+                within(0.01, 1e6),
                 "of a simulated robot; auto: as fast as its frames are taken",
             ),
             snapshot_minutes: s.number(
                 "snapshot_minutes",
                 10.0,
                 "min",
-                Range::within(0.0, 1e6),
+                within(0.0, 1e6),
                 "between two states from which the run can go on; 0: only when it is interrupted",
             ),
         }
@@ -175,7 +161,6 @@ impl Log {
         Log {
             compression: s.choice(
                 "compression",
-                0,
                 &[("zstd", Compression::Zstd), ("lz4", Compression::Lz4), ("none", Compression::None)],
                 "of chunks",
             ),
@@ -183,28 +168,27 @@ impl Log {
                 "chunk_bytes",
                 262_144,
                 "bytes",
-                1024,
-                MAX_CHUNK_TARGET_BYTES as usize,
+                1024..=MAX_CHUNK_TARGET_BYTES as usize,
                 "size of a chunk before compression",
             ),
-            flush_seconds: s.number("flush_seconds", 1.0, "s", Range::above(0.0, 1.0), "longest time in memory only"),
+            flush_seconds: s.number("flush_seconds", 1.0, "s", above(0.0, 1.0), "longest time in memory only"),
             file_mb: s.number(
                 "file_mb",
                 1000.0,
                 "MB",
-                Range::within(0.1, 1e9),
+                within(0.1, 1e9),
                 "a file that is larger is closed, and the next one begun",
             ),
             file_minutes: s.number_or_auto(
                 "file_minutes",
                 "min",
-                Range::within(0.01, 1e9),
+                within(0.01, 1e9),
                 "a file that is older is closed; auto: never for its age",
             ),
             budget_mb: s.number_or_auto(
                 "budget_mb",
                 "MB",
-                Range::within(0.2, 1e12),
+                within(0.2, 1e12),
                 "all files together; beyond, this run's oldest are deleted; auto: none is",
             ),
         }

@@ -1,6 +1,6 @@
 //! `[body]`, `[[world.movable]]`: a simulated robot with a mass, and things that it can push.
 
-use crate::scenario::keys::{Range, Section};
+use crate::scenario::keys::{Section, above, within};
 
 /// `[body]`: the simulated robot's mass, motors, wheels and sensors.
 #[derive(Debug, Clone, PartialEq)]
@@ -50,27 +50,27 @@ pub struct Movable {
 
 impl BodySettings {
     pub(super) fn read(s: &mut Section<'_, '_>) -> Self {
-        let (rate, late) = (Range::within(1.0, 200.0), Range::within(0.0, 2000.0));
+        let (rate, late) = (within(1.0, 200.0), within(0.0, 2000.0));
         BodySettings {
-            mass: s.number("mass", 9.0, "kg", Range::within(0.1, 1000.0), "Pioneer 3-DX: 9"),
-            motor_force: s.number("motor_force", 30.0, "N", Range::within(0.1, 1e5), "most force of both motors"),
-            traction: s.number("traction", 0.6, "", Range::within(0.01, 5.0), "friction of wheels on the floor"),
+            mass: s.number("mass", 9.0, "kg", within(0.1, 1000.0), "Pioneer 3-DX: 9"),
+            motor_force: s.number("motor_force", 30.0, "N", within(0.1, 1e5), "most force of both motors"),
+            traction: s.number("traction", 0.6, "", within(0.01, 5.0), "friction of wheels on the floor"),
             creep: s.number(
                 "creep",
                 0.02,
                 "m/s",
-                Range::within(0.0, 1.0),
+                within(0.0, 1.0),
                 "a wheel that takes all the force that the floor can give is faster than the floor by this",
             ),
-            acceleration: s.number("acceleration", 1.5, "m/s²", Range::above(0.0, 100.0), "of the motors"),
+            acceleration: s.number("acceleration", 1.5, "m/s²", above(0.0, 100.0), "of the motors"),
             turn_acceleration: s
-                .number("turn_acceleration_deg", 300.0, "degrees/s²", Range::above(0.0, 1e5), "of the motors")
+                .number("turn_acceleration_deg", 300.0, "degrees/s²", above(0.0, 1e5), "of the motors")
                 .to_radians(),
             wheel_error: s.number(
                 "wheel_error",
                 0.003,
                 "share",
-                Range::within(0.0, 0.2),
+                within(0.0, 0.2),
                 "standard deviation of each wheel's radius, which odometry does not know",
             ),
             camera_hz: s.number("camera_hz", 10.0, "Hz", rate, "images a second"),
@@ -86,11 +86,11 @@ impl Movable {
     pub(super) fn read(s: &mut Section<'_, '_>, index: usize) -> Self {
         Movable {
             at: s.point("at", [0.0, 0.0], "where it stands at first"),
-            radius: s.number("radius", 0.15, "m", Range::within(0.02, 10.0), "an upright cylinder"),
-            height: s.number("height", 0.4, "m", Range::within(0.01, 10.0), "height"),
-            mass: s.number("mass", 1.0, "kg", Range::within(0.01, 1000.0), "mass"),
-            friction: s.number("friction", 0.4, "", Range::within(0.0, 5.0), "on the floor"),
-            hue: s.number("hue", (index as f64 * 137.0 + 60.0) % 360.0, "degrees", Range::within(0.0, 360.0), "colour"),
+            radius: s.number("radius", 0.15, "m", within(0.02, 10.0), "an upright cylinder"),
+            height: s.number("height", 0.4, "m", within(0.01, 10.0), "height"),
+            mass: s.number("mass", 1.0, "kg", within(0.01, 1000.0), "mass"),
+            friction: s.number("friction", 0.4, "", within(0.0, 5.0), "on the floor"),
+            hue: s.number("hue", (index as f64 * 137.0 + 60.0) % 360.0, "degrees", within(0.0, 360.0), "colour"),
         }
     }
 }

@@ -1,6 +1,6 @@
 //! `[policy]`, `[[task]]`, `[evaluate]`: how the robot drives, where to, and how that is judged.
 
-use crate::scenario::keys::{Range, Section};
+use crate::scenario::keys::{Section, above, within};
 
 /// `[policy]`
 #[derive(Debug, Clone, PartialEq)]
@@ -120,10 +120,10 @@ impl Show {
 
     pub(super) fn read(s: &mut Section<'_, '_>) -> Self {
         Show {
-            action: s.count("action", 3000, "", 0, 1_000_000_000, "it begins in place of this action, counted from 0"),
+            action: s.count("action", 3000, "", 0..=1_000_000_000, "it begins in place of this action, counted from 0"),
             task: s.text("task", "", "name of the task whose place is shown"),
             at: s.point("at", [1.5, 0.9], "the place to which the robot is carried"),
-            headings: s.count("headings", 8, "", 1, 1000, "headings of one turn on the spot; each lasts an action"),
+            headings: s.count("headings", 8, "", 1..=1000, "headings of one turn on the spot; each lasts an action"),
         }
     }
 }
@@ -171,37 +171,43 @@ impl Policy {
                 "pursue_share",
                 0.5,
                 "",
-                Range::within(0.0, 1.0),
+                within(0.0, 1.0),
                 "share of pursuits at the end of the run",
             ),
-            explore_length: s.count("explore_length", 40, "actions", 1, 1_000_000, "length of a period of exploration"),
+            explore_length: s.count(
+                "explore_length",
+                40,
+                "actions",
+                1..=1_000_000,
+                "length of a period of exploration",
+            ),
             directed_share: s.number(
                 "directed_share",
                 0.5,
                 "",
-                Range::within(0.0, 1.0),
+                within(0.0, 1.0),
                 "local: share of the periods of exploration that begin with a way to a rarely visited place",
             ),
-            pursue_timeout: s.count("pursue_timeout", 40, "actions", 1, 1_000_000, "a pursuit is given up after"),
+            pursue_timeout: s.count("pursue_timeout", 40, "actions", 1..=1_000_000, "a pursuit is given up after"),
             forward_probability: s.number(
                 "forward_probability",
                 0.5,
                 "",
-                Range::within(0.01, 0.99),
+                within(0.01, 0.99),
                 "random walk: probability of forward",
             ),
             sonar_stop: s.number(
                 "sonar_stop",
                 0.10,
                 "m",
-                Range::within(0.0, 10.0),
+                within(0.0, 10.0),
                 "random walk: no forward with less clearance ahead",
             ),
             sonar_heed: s.number(
                 "sonar_heed",
                 0.5,
                 "share",
-                Range::within(0.0, 1.0),
+                within(0.0, 1.0),
                 "times that the sonar reflex is heeded; contacts must be learned too",
             ),
             no_repeat_blocked: s.flag(
@@ -226,11 +232,11 @@ impl Policy {
 impl Evaluate {
     pub(super) fn read(s: &mut Section<'_, '_>) -> Self {
         Evaluate {
-            starts: s.count("starts", 200, "", 1, 1_000_000, "random starts per task"),
-            max_steps: s.count("max_steps", 100, "actions", 1, 1_000_000, "a trial fails after"),
-            every: s.count("every", 1, "models", 0, 1_000_000, "evaluate during the run; 0: only the last"),
-            decode_train: s.count("decode_train", 2000, "poses", 2, 1_000_000, "decoding of the pose is learned from"),
-            decode_test: s.count("decode_test", 1000, "poses", 1, 1_000_000, "and tested on"),
+            starts: s.count("starts", 200, "", 1..=1_000_000, "random starts per task"),
+            max_steps: s.count("max_steps", 100, "actions", 1..=1_000_000, "a trial fails after"),
+            every: s.count("every", 1, "models", 0..=1_000_000, "evaluate during the run; 0: only the last"),
+            decode_train: s.count("decode_train", 2000, "poses", 2..=1_000_000, "decoding of the pose is learned from"),
+            decode_test: s.count("decode_test", 1000, "poses", 1..=1_000_000, "and tested on"),
         }
     }
 }
@@ -255,16 +261,16 @@ impl Avoid {
         Avoid {
             name,
             at,
-            radius: s.number("radius", SHOWN_RADIUS, "m", Range::above(0.0, 1000.0), radius_meaning),
+            radius: s.number("radius", SHOWN_RADIUS, "m", above(0.0, 1000.0), radius_meaning),
             within: at.is_none().then(|| {
                 let meaning = "values keep the robot farther than this from the marks";
-                s.number("within", AVOID_WITHIN, "actions", Range::above(0.0, 100.0), meaning)
+                s.number("within", AVOID_WITHIN, "actions", above(0.0, 100.0), meaning)
             }),
             reward: s.number(
                 "reward",
                 -20.0,
                 "",
-                Range::within(-1e6, -1e-6),
+                within(-1e6, -1e-6),
                 "for an action that ends in its midst, whatever is pursued; towards its edge it falls as a square",
             ),
         }
@@ -284,7 +290,7 @@ impl Avoid {
 
 impl Task {
     fn read(s: &mut Section<'_, '_>, name: String) -> Self {
-        let any = Range::above(0.0, 1e6);
+        let any = above(0.0, 1e6);
         let reward = "for an action that ends in the goal area, or a topic gives it";
         let reward = s.number_or("reward", Some(1.0), "topic", "", any, reward);
         let topic = match reward {
@@ -308,23 +314,23 @@ impl Task {
             false => (0.2, "radius of the goal area"),
             true => (SHOWN_RADIUS, "farther from the shown place than this is no true arrival, for evaluation"),
         };
-        let within = shown.then(|| {
+        let near = shown.then(|| {
             let meaning = "nearer than this to one of the marks is at the goal";
-            s.number("within", WITHIN, "actions", Range::above(0.0, 100.0), meaning)
+            s.number("within", WITHIN, "actions", above(0.0, 100.0), meaning)
         });
-        let radius = s.number("radius", radius, "m", Range::above(0.0, 1000.0), meaning);
+        let radius = s.number("radius", radius, "m", above(0.0, 1000.0), meaning);
         let (mut wall_reward, mut wall_distance) = (0.0, 0.0);
         if topic.is_none() && !shown {
             let meaning = "in units of reward, for an action that ends near a wall, outside the goal area";
-            wall_reward = s.number("wall_reward", -0.3, "", Range::within(-1e6, 0.0), meaning);
+            wall_reward = s.number("wall_reward", -0.3, "", within(-1e6, 0.0), meaning);
             let meaning = "robot centre to wall that counts as near";
-            wall_distance = s.number("wall_distance", 0.3, "m", Range::within(0.0, 1000.0), meaning);
+            wall_distance = s.number("wall_distance", 0.3, "m", within(0.0, 1000.0), meaning);
         }
         Task {
             name,
             goal,
             radius,
-            within,
+            within: near,
             reward: reward.unwrap_or(1.0),
             topic,
             wall_reward,
@@ -332,7 +338,6 @@ impl Task {
             absorbing: s.flag("absorbing", false, "whether values count the goal as the end of an episode"),
             then: s.choice(
                 "then",
-                0,
                 &[
                     ("schedule", Then::Schedule),
                     ("explore", Then::Explore),

@@ -1,7 +1,7 @@
 //! `[dictionary]`, `[slow]`, `[value]`: what is learned.
 
 use crate::dictionary::WhenFull;
-use crate::scenario::keys::{Range, Section};
+use crate::scenario::keys::{Section, above, within};
 
 /// `[dictionary]`
 #[derive(Debug, Clone, PartialEq)]
@@ -114,65 +114,60 @@ impl Dictionary {
     pub(super) fn read(s: &mut Section<'_, '_>) -> Self {
         let selection = s.choice(
             "selection",
-            0,
             &[("ald", SelectionRule::Ald), ("random", SelectionRule::Random)],
             "how support vectors are chosen: what the others do not span up to nu, or a random sample of all frames",
         );
-        let exponent = s.choice("kernel", 0, &[("gaussian", 2.0), ("laplacian", 1.0)], "radial kernel");
+        let exponent = s.choice("kernel", &[("gaussian", 2.0), ("laplacian", 1.0)], "radial kernel");
         Dictionary {
             selection,
             exponent,
             sigma: s.number_or_auto(
                 "sigma",
                 "grey levels",
-                Range::above(0.0, 1e9),
+                above(0.0, 1e9),
                 "kernel width, as a distance of observations",
             ),
             sigma_share: s.number(
                 "sigma_share",
                 0.65,
                 "",
-                Range::above(0.0, 1.0),
+                above(0.0, 1.0),
                 "sigma = \"auto\": the width (at least half the median distance) at which this share of the first frames become support vectors",
             ),
-            sigma_frames: s.count("sigma_frames", 1000, "frames", 2, 5000, "sigma = \"auto\": first frames"),
-            nu: s.number("nu", 0.01, "", Range::above(0.0, 0.999), "a frame is accepted when its residual is above"),
-            budget: s.count("budget", 2000, "", 10, 20_000, "largest number of support vectors"),
+            sigma_frames: s.count("sigma_frames", 1000, "frames", 2..=5000, "sigma = \"auto\": first frames"),
+            nu: s.number("nu", 0.01, "", above(0.0, 0.999), "a frame is accepted when its residual is above"),
+            budget: s.count("budget", 2000, "", 10..=20_000, "largest number of support vectors"),
             when_full: s.choice(
                 "when_full",
-                0,
                 &[("stop", WhenFull::Stop), ("raise_nu", WhenFull::RaiseNu), ("replace", WhenFull::Replace)],
-                "selection = \"ald\", at the budget: stop growing, raise nu and thin out, or let the least independent go",
-            ),
-            block_frames: s.count("block_frames", 128, "frames", 1, 4096, "frames that are handled together"),
+                "selection = \"ald\", at the budget: stop growing, raise nu and thin out, or let the least independent go"),
+            block_frames: s.count("block_frames", 128, "frames", 1..=4096, "frames that are handled together"),
             retained_frames: s.count(
                 "retained_frames",
                 20_000,
                 "frames",
-                1,
-                10_000_000,
-                "newest frames for which new coordinates are filled in",
-            ),
+                1..=10_000_000,
+                "newest frames for which new coordinates are filled in"),
         }
     }
 }
 
 impl Slow {
     pub(super) fn read(s: &mut Section<'_, '_>) -> Self {
-        let features = s.count("features", 200, "", 1, 5000, "number of slow features");
-        let lambda = s.number("lambda", 1e-7, "1/s²", Range::above(0.0, 1e6), "regulariser");
+        let features = s.count("features", 200, "", 1..=5000, "number of slow features");
+        let lambda = s.number("lambda", 1e-7, "1/s²", above(0.0, 1e6), "regulariser");
         let move_weight = s.number(
             "move_weight",
             5.0,
             "",
-            Range::above(0.0, 1e6),
+            above(0.0, 1e6),
             "weight of derivatives while moving; turning has weight 1",
         );
         let memory = s.number(
             "memory_frames",
             0.0,
             "frames",
-            Range::within(0.0, 1e12),
+            within(0.0, 1e12),
             "frames fade with this time constant; 0: never",
         );
         Slow { features, lambda, move_weight, memory_frames: (memory > 0.0).then_some(memory) }
@@ -185,28 +180,22 @@ impl Value {
         Value {
             method: s.choice(
                 "method",
-                0,
                 &[("local", Method::Local), ("lspi", Method::Lspi)],
-                "values by regression on transitions nearby, or linear in all features",
-            ),
-            gamma: s.number("gamma", 0.9, "per action", Range::within(0.0, 0.9999), "discount"),
-            window: s.count("window", 20_000, "transitions", 10, 10_000_000, "rolling window"),
+                "values by regression on transitions nearby, or linear in all features"),
+            gamma: s.number("gamma", 0.9, "per action", within(0.0, 0.9999), "discount"),
+            window: s.count("window", 20_000, "transitions", 10..=10_000_000, "rolling window"),
             neighbours: s.count(
                 "neighbours",
                 16,
                 "transitions",
-                1,
-                1000,
-                "local: neighbours for the value of an action",
-            ),
+                1..=1000,
+                "local: neighbours for the value of an action"),
             metric_features: s.count(
                 "metric_features",
                 40,
                 "",
-                1,
-                5000,
-                "local: slowest features that define the distance of states",
-            ),
+                1..=5000,
+                "local: slowest features that define the distance of states"),
             places: s.flag(
                 "places",
                 rooms >= SEVERAL_ROOMS,
@@ -221,30 +210,30 @@ impl Value {
                 "local_ridge",
                 0.3,
                 "mean squared distances",
-                Range::above(0.0, 1e9),
+                above(0.0, 1e9),
                 "local: on the slopes of the regression",
             ),
-            ridge: s.number("ridge", 0.1, "", Range::within(0.0, 1e9), "lspi: on the diagonal of the summed system"),
+            ridge: s.number("ridge", 0.1, "", within(0.0, 1e9), "lspi: on the diagonal of the summed system"),
             mixing: s.number(
                 "mixing",
                 0.3,
                 "",
-                Range::above(0.0, 1.0),
+                above(0.0, 1.0),
                 "lspi: share of the greedy policy in each iteration",
             ),
-            max_iterations: s.count("max_iterations", 40, "", 1, 10_000, "lspi: largest number of policy evaluations"),
+            max_iterations: s.count("max_iterations", 40, "", 1..=10_000, "lspi: largest number of policy evaluations"),
             tolerance: s.number(
                 "tolerance",
                 1e-3,
                 "",
-                Range::above(0.0, 1.0),
+                above(0.0, 1.0),
                 "lspi: change of weights that counts as none",
             ),
             balance: s.number(
                 "balance",
                 0.5,
                 "",
-                Range::within(0.0, 1.0),
+                within(0.0, 1.0),
                 "lspi: 0: transitions weigh alike, 1: every (cell, action) weighs alike",
             ),
         }

@@ -107,8 +107,8 @@ impl Scenario {
             ]);
             (
                 s.text("name", stem, "name for people"),
-                s.count("seed", 1, "", 0, i64::MAX as usize, "seed of all random streams") as u64,
-                s.count("actions", 15_000, "actions", 10, 1_000_000_000, "the run ends after this many"),
+                s.count("seed", 1, "", 0..=i64::MAX as usize, "seed of all random streams") as u64,
+                s.count("actions", 15_000, "actions", 10..=1_000_000_000, "the run ends after this many"),
             )
         });
         let world = World::read(reader, base);

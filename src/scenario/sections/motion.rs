@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use crate::robot::{Limits, MotionSettings, SafetySettings, Velocity};
-use crate::scenario::keys::{Range, Reader, Section};
+use crate::scenario::keys::{Reader, Section, above, within};
 
 /// `[motion]`: actions out of velocities.
 #[derive(Debug, Clone, PartialEq)]
@@ -53,28 +53,8 @@ pub struct Equipment {
 }
 
 impl Safety {
-    /// When a robot may move.
-    fn settings(&self, motion: &MotionSettings, radius: f64, equipment: Equipment) -> SafetySettings {
-        let seconds = Duration::from_secs_f64;
-        SafetySettings {
-            limits: motion.limits,
-            fresh: seconds(self.fresh_seconds),
-            scan: equipment.scan && self.scan,
-            emergency_stop: equipment.emergency_stop.then(|| seconds(self.emergency_stop_seconds)),
-            lock: equipment.lock.then(|| seconds(self.lock_seconds)),
-            teleop: seconds(self.teleop_seconds),
-            hold: self.hold,
-            radius,
-            margin: self.margin,
-            reaction: seconds(self.reaction_seconds),
-            still: motion.still,
-            battery: self.battery,
-            battery_empty: if self.battery_task.is_some() { self.battery / 2.0 } else { self.battery },
-        }
-    }
-
     fn read(s: &mut Section<'_, '_>) -> Self {
-        let silence = Range::within(0.05, 60.0);
+        let silence = within(0.05, 60.0);
         Safety {
             fresh_seconds: s.number(
                 "fresh_seconds",
@@ -100,30 +80,28 @@ impl Safety {
             ),
             hold: s.choice(
                 "after_stop",
-                0,
                 &[("go on", false), ("hold", true)],
-                "when nothing stops it any more it goes on by itself, or a person must let it",
-            ),
+                "when nothing stops it any more it goes on by itself, or a person must let it"),
             scan: s.flag("scan", true, "whether it stops at what a scan sees ahead of it"),
             margin: s.number(
                 "margin",
                 0.05,
                 "m",
-                Range::within(0.0, 5.0),
+                within(0.0, 5.0),
                 "what is left between the robot and what a scan sees ahead of it when it has stopped",
             ),
             reaction_seconds: s.number(
                 "reaction_seconds",
                 0.15,
                 "s",
-                Range::within(0.0, 5.0),
+                within(0.0, 5.0),
                 "it goes on for so long before a command to stop is heeded",
             ),
             battery: s.number(
                 "battery",
                 0.0,
                 "share",
-                Range::within(0.0, 1.0),
+                within(0.0, 1.0),
                 "charge below which its battery is low; 0: never",
             ),
             battery_task: Some(s.text(
@@ -138,9 +116,23 @@ impl Safety {
 }
 
 impl Motion {
-    /// When a robot of a radius, metres, may move.
-    pub fn safety_of(&self, radius: f64, equipment: Equipment) -> SafetySettings {
-        self.safety.settings(&self.settings, radius, equipment)
+    /// When a robot may move.
+    pub fn safety_of(&self, equipment: Equipment) -> SafetySettings {
+        let (safety, seconds) = (&self.safety, Duration::from_secs_f64);
+        SafetySettings {
+            limits: self.settings.limits,
+            fresh: seconds(safety.fresh_seconds),
+            scan: equipment.scan && safety.scan,
+            emergency_stop: equipment.emergency_stop.then(|| seconds(safety.emergency_stop_seconds)),
+            lock: equipment.lock.then(|| seconds(safety.lock_seconds)),
+            teleop: seconds(safety.teleop_seconds),
+            hold: safety.hold,
+            margin: safety.margin,
+            reaction: seconds(safety.reaction_seconds),
+            still: self.settings.still,
+            battery: safety.battery,
+            battery_empty: if safety.battery_task.is_some() { safety.battery / 2.0 } else { safety.battery },
+        }
     }
 
     /// Time between velocities.
@@ -155,9 +147,9 @@ impl Motion {
     }
 
     fn read_actions(s: &mut Section<'_, '_>) -> (f64, MotionSettings) {
-        let (fast, quick) = (Range::within(0.01, 10.0), Range::within(1.0, 3600.0));
-        let seconds = Range::within(0.0, 60.0);
-        let control_hz = s.number("control_hz", 20.0, "Hz", Range::within(10.0, 200.0), "velocities a second");
+        let (fast, quick) = (within(0.01, 10.0), within(1.0, 3600.0));
+        let seconds = within(0.0, 60.0);
+        let control_hz = s.number("control_hz", 20.0, "Hz", within(10.0, 200.0), "velocities a second");
         let limits = Limits {
             speed: s.number("speed", 0.4, "m/s", fast, "most that is commanded"),
             turn_speed: s.number("turn_speed_deg", 80.0, "degrees/s", quick, "most that is commanded").to_radians(),
@@ -168,15 +160,9 @@ impl Motion {
         };
         let settings = MotionSettings {
             limits,
-            tolerance: s.number(
-                "tolerance",
-                0.01,
-                "m",
-                Range::above(0.0, 1.0),
-                "an action may end so far from its end",
-            ),
+            tolerance: s.number("tolerance", 0.01, "m", above(0.0, 1.0), "an action may end so far from its end"),
             turn_tolerance: s
-                .number("turn_tolerance_deg", 1.0, "degrees", Range::above(0.0, 45.0), "and so far from its angle")
+                .number("turn_tolerance_deg", 1.0, "degrees", above(0.0, 45.0), "and so far from its angle")
                 .to_radians(),
             settle: Duration::from_secs_f64(s.number(
                 "settle_seconds",
@@ -189,20 +175,20 @@ impl Motion {
                 "timeout_seconds",
                 6.0,
                 "s",
-                Range::within(0.1, 600.0),
+                within(0.1, 600.0),
                 "an action that takes longer ends where it is",
             )),
             stuck: Duration::from_secs_f64(s.number(
                 "stuck_seconds",
                 0.6,
                 "s",
-                Range::within(0.1, 60.0),
+                within(0.1, 60.0),
                 "a robot that does not advance for so long is blocked",
             )),
             still: Velocity {
-                linear: s.number("still", 0.02, "m/s", Range::above(0.0, 1.0), "slower than this is still"),
+                linear: s.number("still", 0.02, "m/s", above(0.0, 1.0), "slower than this is still"),
                 angular: s
-                    .number("still_deg", 2.0, "degrees/s", Range::above(0.0, 45.0), "slower than this is still")
+                    .number("still_deg", 2.0, "degrees/s", above(0.0, 45.0), "slower than this is still")
                     .to_radians(),
             },
         };

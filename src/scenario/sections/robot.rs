@@ -1,7 +1,7 @@
 //! `[robot]`, `[camera]`, `[vision]`: what drives, and what it sees.
 
 use crate::robot::ActionSet;
-use crate::scenario::keys::{Range, Section};
+use crate::scenario::keys::{Section, above, within};
 
 /// What the robot's actions move.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -112,10 +112,9 @@ pub struct Vision {
 
 impl Robot {
     pub(super) fn read(s: &mut Section<'_, '_>) -> Self {
-        let share = Range::within(0.0, 0.5);
+        let share = within(0.0, 0.5);
         let body = s.choice(
             "body",
-            0,
             &[
                 ("kinematic", Body::Kinematic),
                 ("dynamic", Body::Dynamic),
@@ -123,33 +122,31 @@ impl Robot {
                 ("program", Body::Program),
             ],
             "a simulated disc that is where an action leads, a simulated body with a mass that takes velocities, a robot, \
-             another program",
-        );
+             another program");
         let called = body == Body::Program;
         Robot {
             body,
-            pose_known: s.choice(
+            pose_known: s.choice_from(
                 "pose",
                 usize::from(called),
                 &[("known", true), ("none", false)],
                 "whether something measures where the robot is: for goals by coordinates, evaluation and plots",
             ),
-            radius: s.number("radius", 0.25, "m", Range::above(0.0, 10.0), "Pioneer 3-DX: 0.25"),
-            forward: s.number("forward", 0.30, "m", Range::above(0.0, 10.0), "length of the action forward"),
-            turn_deg: s.number("turn_deg", 45.0, "degrees", Range::above(0.0, 180.0), "angle of a turn"),
+            radius: s.number("radius", 0.25, "m", above(0.0, 10.0), "Pioneer 3-DX: 0.25"),
+            forward: s.number("forward", 0.30, "m", above(0.0, 10.0), "length of the action forward"),
+            turn_deg: s.number("turn_deg", 45.0, "degrees", above(0.0, 180.0), "angle of a turn"),
             actions: ActionSet::differential_drive(0.3, 0.8), // until [[action]] is read
-            action_seconds: s.number("action_seconds", 1.0, "s", Range::above(0.0, 60.0), "duration of an action"),
+            action_seconds: s.number("action_seconds", 1.0, "s", above(0.0, 60.0), "duration of an action"),
             frames_per_action: s.count(
                 "frames_per_action",
                 if called { 1 } else { 5 },
                 "frames",
-                1,
-                100,
+                1..=100,
                 "camera frames per action",
             ),
             forward_noise: s.number("forward_noise", 0.05, "share", share, "standard deviation of the executed length"),
             turn_noise: s.number("turn_noise", 0.05, "share", share, "standard deviation of the executed angle"),
-            drift_deg: s.number("drift_deg", 1.0, "degrees", Range::within(0.0, 45.0), "heading noise of one forward"),
+            drift_deg: s.number("drift_deg", 1.0, "degrees", within(0.0, 45.0), "heading noise of one forward"),
             odometry_noise: s.number(
                 "odometry_noise",
                 0.02,
@@ -162,12 +159,12 @@ impl Robot {
                 "start_heading_deg",
                 0.0,
                 "degrees",
-                Range::within(-360.0, 360.0),
+                within(-360.0, 360.0),
                 "heading at the start, from the x-axis, counter-clockwise",
             ),
-            sonars: s.count("sonars", 16, "", 1, 360, "sonars in the ring, the first one straight ahead"),
-            sonar_range: s.number("sonar_range", 5.0, "m", Range::above(0.0, 100.0), "longest distance measured"),
-            sonar_noise: s.number("sonar_noise", 0.01, "m", Range::within(0.0, 1.0), "standard deviation of a reading"),
+            sonars: s.count("sonars", 16, "", 1..=360, "sonars in the ring, the first one straight ahead"),
+            sonar_range: s.number("sonar_range", 5.0, "m", above(0.0, 100.0), "longest distance measured"),
+            sonar_noise: s.number("sonar_noise", 0.01, "m", within(0.0, 1.0), "standard deviation of a reading"),
         }
     }
 }
@@ -185,35 +182,22 @@ impl Camera {
         Camera {
             detail: s.choice(
                 "detail",
-                0,
                 &[("full", Detail::Full), ("vision", Detail::Vision)],
                 "render all pixels, or only 4 × 4 samples for each pixel of an observation (several times faster)",
             ),
-            width: s.count("width", 320, "px", 8, 4096, "image width"),
-            height: s.count("height", 240, "px", 8, 4096, "image height"),
+            width: s.count("width", 320, "px", 8..=4096, "image width"),
+            height: s.count("height", 240, "px", 8..=4096, "image height"),
             field_of_view_deg: s.number(
                 "field_of_view_deg",
                 66.0,
                 "degrees",
-                Range::within(10.0, 150.0),
+                within(10.0, 150.0),
                 "horizontal field of view",
             ),
-            mount_height: s.number("mount_height", 0.5, "m", Range::above(0.0, 50.0), "lens above the floor"),
-            pixel_noise: s.number("pixel_noise", 2.0, "grey levels", Range::within(0.0, 64.0), "noise of a pixel"),
-            exposure_drift: s.number(
-                "exposure_drift",
-                0.05,
-                "share",
-                Range::within(0.0, 0.5),
-                "slow drift of the gain",
-            ),
-            exposure_seconds: s.number(
-                "exposure_seconds",
-                60.0,
-                "s",
-                Range::above(0.0, 1e6),
-                "time constant of the drift",
-            ),
+            mount_height: s.number("mount_height", 0.5, "m", above(0.0, 50.0), "lens above the floor"),
+            pixel_noise: s.number("pixel_noise", 2.0, "grey levels", within(0.0, 64.0), "noise of a pixel"),
+            exposure_drift: s.number("exposure_drift", 0.05, "share", within(0.0, 0.5), "slow drift of the gain"),
+            exposure_seconds: s.number("exposure_seconds", 60.0, "s", above(0.0, 1e6), "time constant of the drift"),
         }
     }
 }
@@ -230,17 +214,16 @@ impl Vision {
             // What another program shows may have its best above.
             if body == Body::Program { 0 } else { 80 },
             "px",
-            0,
-            4095,
+            0..=4095,
             "upper lines that are cut away; of images that are not camera.height high, as large a share",
         );
-        let width = s.count("width", 32, "px", 1, 1024, "width of an observation");
-        let height = s.count("height", 16, "px", 1, 1024, "height of an observation");
+        let width = s.count("width", 32, "px", 1..=1024, "width of an observation");
+        let height = s.count("height", 16, "px", 1..=1024, "height of an observation");
         let brightness = s.number(
             "brightness",
             128.0,
             "grey levels",
-            Range::within(0.0, 255.0),
+            within(0.0, 255.0),
             "mean that observations are corrected to; 0: no correction",
         );
         Vision { cut_rows, width, height, brightness: (brightness > 0.0).then_some(brightness) }

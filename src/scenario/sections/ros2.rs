@@ -1,6 +1,6 @@
 //! `[ros2]`: a robot on a ROS 2 network.
 
-use crate::scenario::keys::{Range, Section};
+use crate::scenario::keys::{Section, within};
 
 /// Which type of message a base takes velocities as.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -81,7 +81,7 @@ impl Ros2 {
             node: s.text("node", "adagio", "name of our node"),
             namespace: s.text("namespace", "", "of the node, and of topics without a slash in front"),
             domain: s
-                .number_or_auto("domain", "", Range::within(0.0, 232.0), "DDS domain; auto: ROS_DOMAIN_ID, or 0")
+                .number_or_auto("domain", "", within(0.0, 232.0), "DDS domain; auto: ROS_DOMAIN_ID, or 0")
                 .map(|domain| domain as u16),
             use_sim_time: s.flag(
                 "use_sim_time",
@@ -104,19 +104,17 @@ impl Ros2 {
             command: s.text("command", "cmd_vel", "velocities for the base"),
             command_type: s.choice(
                 "command_type",
-                0,
                 &[
                     ("auto", CommandType::Auto),
                     ("twist", CommandType::Twist),
                     ("twist_stamped", CommandType::TwistStamped),
                 ],
-                "geometry_msgs Twist or TwistStamped; auto: that of whoever listens",
-            ),
+                "geometry_msgs Twist or TwistStamped; auto: that of whoever listens"),
             wait_seconds: s.number(
                 "wait_seconds",
                 10.0,
                 "s",
-                Range::within(0.5, 3600.0),
+                within(0.5, 3600.0),
                 "how long to wait for the robot at the start",
             ),
         }

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::body::Movable;
 use crate::scenario::distractors::Distractor;
-use crate::scenario::keys::{Range, Reader};
+use crate::scenario::keys::{Reader, above};
 use crate::scenario::pyramids::Pyramid;
 use crate::scenario::rooms::{Room, Wall, walls_of};
 use crate::scenario::texture::{Defaults, Texture};
@@ -46,10 +46,10 @@ impl World {
         let (texture_seed, renderer) = reader.section("world", "what the robot drives in", |s| {
             s.allow_sections(&["room", "wall", "pyramid", "distractor", "movable", "floor", "surroundings"]);
             let line = "seed of the textures of walls and floor; another number: other patterns of the same kinds";
-            let texture_seed = s.count("texture_seed", 0, "", 0, 1_000_000, line) as u64;
+            let texture_seed = s.count("texture_seed", 0, "", 0..=1_000_000, line) as u64;
             let words = [("auto", Renderer::Auto), ("cpu", Renderer::Cpu), ("gpu", Renderer::Gpu)];
             let line = "who renders: auto takes a graphics processor for many views at once, where that is faster";
-            (texture_seed, s.choice("renderer", 0, &words, line))
+            (texture_seed, s.choice("renderer", &words, line))
         });
         let rooms = reader.sections("world.room", "a rectangle of floor; rooms that touch or overlap are joined", {
             |s, index| Room::read(s, base, index)
@@ -58,7 +58,7 @@ impl World {
             points: s.points("points", "corners"),
             closed: s.flag("closed", false, "whether the last corner is joined to the first"),
             gaps: Vec::new(),
-            height: s.number("height", 0.9, "m", Range::above(0.0, 100.0), "height of the wall"),
+            height: s.number("height", 0.9, "m", above(0.0, 100.0), "height of the wall"),
             texture: Texture::read(s, base, Defaults::wall(index)),
         });
         walls.extend(walls_of(&rooms));

@@ -29,7 +29,7 @@ use serde::Serialize;
 
 use self::actions::RecordedActions;
 use self::senses::{Sensed, Senses};
-use super::{Boundary, Frame, Rule, Segment, Segmenter, Source, Step, View, of_log};
+use super::{Boundary, Frame, Rule, Segment, Segmenter, Source, Step, View, give_until_boundary, of_log};
 use crate::log::FilesReader;
 use crate::robot::{Action, Pose};
 use crate::scenario::Scenario;
@@ -108,7 +108,6 @@ pub struct Imported {
     ready: VecDeque<Frame>,
     ended: bool,
     sensed: u64,
-    report: ImportReport,
 }
 
 /// How many images an action of the scenario's duration has, by the usual time between them.
@@ -154,9 +153,6 @@ impl Imported {
             }
             None => Segmentation::Motion(Box::default()),
         };
-        let known = &scenario.robot.actions;
-        let action_names = known.iter().map(|action| known.name(action).to_owned()).collect();
-        let report = ImportReport { actions: vec![0; known.len()], action_names, ..ImportReport::default() };
         let mut imported = Imported {
             rule,
             gap_ns: (scenario.topics.gap_intervals * usual) as u64,
@@ -168,12 +164,11 @@ impl Imported {
             ready: VecDeque::new(),
             ended: false,
             sensed: 0,
-            report,
         };
         imported.fill();
         if imported.ready.is_empty() {
             let reason = imported.why_nothing(survey, roles);
-            let images = imported.senses.unused.images;
+            let images = imported.senses.report.images;
             return Err(ImportError::Nothing { path: survey.path.clone(), images, reason });
         }
         Ok(imported)
@@ -181,24 +176,14 @@ impl Imported {
 
     /// What came of the log so far.
     pub fn report(&self) -> ImportReport {
-        let unused = &self.senses.unused;
-        ImportReport {
-            images: unused.images,
-            without_action: self.sensed + u64::from(self.given) - self.report.frames - self.held.len() as u64,
-            unusable_images: unused.pictures,
-            first_unusable: unused.first_reason.clone(),
-            out_of_order: unused.out_of_order,
-            without_pose: unused.without_pose,
-            unknown_marks: unused.marks,
-            first_unknown_mark: unused.first_mark.clone(),
-            damaged: unused.damaged,
-            ..self.report.clone()
-        }
+        let report = self.senses.report.clone();
+        let without_action = self.sensed + u64::from(self.given) - report.frames - self.held.len() as u64;
+        ImportReport { without_action, ..report }
     }
 
     /// What most images lack, when no frame came of any.
     fn why_nothing(&self, survey: &LogContents, roles: &Roles) -> String {
-        let unused = &self.senses.unused;
+        let report = &self.senses.report;
         if self.sensed > 0 {
             let robot = &self.scenario.robot;
             return match roles.action {
@@ -211,7 +196,7 @@ impl Imported {
                 ),
             };
         }
-        if let Some(reason) = unused.first_reason.as_ref().filter(|_| unused.pictures >= unused.without_pose) {
+        if let Some(reason) = report.first_unusable.as_ref().filter(|_| report.unusable_images >= report.without_pose) {
             return reason.clone();
         }
         let times = |topic: &str| {
@@ -250,8 +235,8 @@ impl Imported {
             };
             if is_gap || jumps(poses) || jumps(last.odometry.zip(sensed.odometry)) {
                 self.interrupt();
-                self.report.gaps += u64::from(is_gap);
-                self.report.jumps += u64::from(!is_gap);
+                self.senses.report.gaps += u64::from(is_gap);
+                self.senses.report.jumps += u64::from(!is_gap);
             } else {
                 let step = match poses {
                     Some((before, now)) => self.rule.step(&before, &now, seconds, sensed.commanded),
@@ -303,8 +288,8 @@ impl Imported {
                 self.given = false;
                 continue;
             };
-            self.report.actions[action.index()] += 1;
-            self.report.blocked += u64::from(segment.blocked);
+            self.senses.report.actions[action.index()] += 1;
+            self.senses.report.blocked += u64::from(segment.blocked);
             if !self.given {
                 self.give(0, None, Some(false));
             }
@@ -320,7 +305,7 @@ impl Imported {
     fn give(&mut self, index: usize, action: Option<Action>, ends: Option<bool>) {
         let Some(sensed) = self.held.get_mut(index) else { return };
         self.ready.push_back(Frame {
-            number: self.report.frames,
+            number: self.senses.report.frames,
             stamp_ns: sensed.stamp_ns,
             // It is given once: only its pose is needed again.
             view: View::Observation(std::mem::take(&mut sensed.pixels)),
@@ -334,7 +319,7 @@ impl Imported {
             goto: None,
             rewards: if ends.is_some() { std::mem::take(&mut sensed.rewards) } else { Vec::new() },
         });
-        self.report.frames += 1;
+        self.senses.report.frames += 1;
     }
 
     fn next_frame(&mut self) -> Option<Frame> {
@@ -349,17 +334,11 @@ impl Source for Imported {
     }
 
     fn execute(&mut self, _: Action, give: &mut dyn FnMut(Frame) -> bool) -> bool {
-        while let Some(frame) = self.next_frame() {
-            let ends = frame.boundary.is_some();
-            if !give(frame) {
-                return false;
-            }
-            if ends {
-                self.fill();
-                return !self.ready.is_empty();
-            }
+        if !give_until_boundary(|| self.next_frame(), give) {
+            return false;
         }
-        false
+        self.fill();
+        !self.ready.is_empty()
     }
 
     fn imported(&self) -> Option<ImportReport> {

@@ -3,8 +3,7 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use nalgebra::Point2;
-
+use super::ImportReport;
 use super::picture::{self, PictureError};
 use super::topics::{Roles, stamp_ns};
 use crate::log::messages::{self as msg, Message, foreign};
@@ -12,7 +11,7 @@ use crate::log::{FilesReader, LogError, Record, cdr};
 use crate::robot::{Action, ActionSet, Pose, wrap};
 use crate::scenario::{Scenario, Stamps};
 use crate::source::live::Scan;
-use crate::source::{Mark, parse_mark};
+use crate::source::{Mark, parse_mark, planar};
 use crate::vision::Observer;
 
 /// Images that wait for a pose after them; then the oldest is given up.
@@ -42,31 +41,6 @@ pub struct Sensed {
     pub marks: Vec<Mark>,
     /// The newest rewards, by task.
     pub rewards: Vec<f64>,
-}
-
-/// What could not be used.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Unused {
-    /// Images read, those that were passed over on purpose not among them.
-    pub images: u64,
-    /// Images that are none, or of another kind or size; and why the first of them.
-    pub pictures: u64,
-    pub first_reason: Option<String>,
-    /// Images that are not later than the one before.
-    pub out_of_order: u64,
-    /// Images without a pose before and after them.
-    pub without_pose: u64,
-    /// Marks of what is not to be shown; and what is said of the first.
-    pub marks: u64,
-    pub first_mark: Option<String>,
-    /// Other messages that could not be read, and damaged records.
-    pub damaged: u64,
-}
-
-/// An image that waits for its pose.
-struct Waiting {
-    stamp_ns: u64,
-    pixels: Vec<u8>,
 }
 
 /// Poses of one topic.
@@ -140,7 +114,8 @@ pub struct Senses {
     records: FilesReader,
     observer: Observer,
     ended: bool,
-    waiting: VecDeque<Waiting>,
+    /// Images that wait for their poses: their stamps and pixels.
+    waiting: VecDeque<(u64, Vec<u8>)>,
     poses: Track,
     odometry: Track,
     commands: VecDeque<(u64, f64)>,
@@ -156,13 +131,17 @@ pub struct Senses {
     rewards: Vec<f64>,
     last_image_ns: Option<u64>,
     passed_over: usize,
-    pub unused: Unused,
+    /// What came of the log, as far as it was read.
+    pub report: ImportReport,
 }
 
 impl Senses {
     pub fn new(scenario: Arc<Scenario>, roles: Roles, records: FilesReader) -> Self {
         let any = roles.rewards.iter().any(Option::is_some);
         let rewards = if any { vec![f64::NAN; roles.rewards.len()] } else { Vec::new() };
+        let known = &scenario.robot.actions;
+        let action_names = known.iter().map(|action| known.name(action).to_owned()).collect();
+        let report = ImportReport { actions: vec![0; known.len()], action_names, ..ImportReport::default() };
         Senses {
             scenario,
             roles,
@@ -182,7 +161,7 @@ impl Senses {
             rewards,
             last_image_ns: None,
             passed_over: 0,
-            unused: Unused::default(),
+            report,
         }
     }
 
@@ -190,9 +169,9 @@ impl Senses {
     pub fn next(&mut self) -> Option<Sensed> {
         loop {
             if let Some((pose, odometry)) = self.poses_of_first() {
-                let Waiting { stamp_ns, pixels } = self.waiting.pop_front()?;
+                let (stamp_ns, pixels) = self.waiting.pop_front()?;
                 if pose.is_none() && self.roles.pose.is_some() {
-                    self.unused.without_pose += 1;
+                    self.report.without_pose += 1;
                     continue;
                 }
                 let (sonar, commanded) = (self.sonar_at(stamp_ns), self.known_until(stamp_ns));
@@ -219,7 +198,7 @@ impl Senses {
     fn read(&mut self) {
         match self.records.next() {
             None => self.ended = true,
-            Some(Err(_)) => self.unused.damaged += 1,
+            Some(Err(_)) => self.report.damaged += 1,
             Some(Ok(Record::Message { topic, schema, log_time_ns, data, .. })) => {
                 let stamp = stamp_ns(&schema, &data, log_time_ns, self.scenario.topics.stamps);
                 let is = |role: &Option<String>| role.as_deref() == Some(&*topic);
@@ -244,7 +223,7 @@ impl Senses {
                 } else {
                     self.reward(&topic, &schema, &data, stamp)
                 };
-                self.unused.damaged += u64::from(taken.is_err());
+                self.report.damaged += u64::from(taken.is_err());
             }
             Some(Ok(_)) => {}
         }
@@ -256,19 +235,19 @@ impl Senses {
             return;
         }
         self.passed_over = self.scenario.topics.every - 1;
-        self.unused.images += 1;
+        self.report.images += 1;
         if self.last_image_ns.is_some_and(|last| stamp_ns <= last) {
-            self.unused.out_of_order += 1;
+            self.report.out_of_order += 1;
             return;
         }
         match self.observe(kind, data) {
             Ok(pixels) => {
                 self.last_image_ns = Some(stamp_ns);
-                self.waiting.push_back(Waiting { stamp_ns, pixels });
+                self.waiting.push_back((stamp_ns, pixels));
             }
             Err(reason) => {
-                self.unused.pictures += 1;
-                self.unused.first_reason.get_or_insert(reason);
+                self.report.unusable_images += 1;
+                self.report.first_unusable.get_or_insert(reason);
             }
         }
     }
@@ -291,7 +270,7 @@ impl Senses {
 
     /// Pose and odometry of the first image that waits: `None` while one of them is not known yet.
     fn poses_of_first(&mut self) -> Option<(Option<Pose>, Option<Pose>)> {
-        let stamp = self.waiting.front()?.stamp_ns;
+        let stamp = self.waiting.front()?.0;
         let (hold, ended) = (self.hold_ns(), self.ended);
         if self.roles.pose.is_none() && self.roles.odometry.is_none() {
             // What belongs to an image has come when the next one is there.
@@ -370,8 +349,8 @@ impl Senses {
         match parse_mark(&cdr::decode::<msg::Text>(data)?.data, &self.scenario) {
             Ok(mark) => keep(&mut self.marks, (stamp_ns, mark), MOST_AHEAD),
             Err(reason) => {
-                self.unused.marks += 1;
-                self.unused.first_mark.get_or_insert(reason);
+                self.report.unknown_marks += 1;
+                self.report.first_unknown_mark.get_or_insert(reason);
             }
         }
         Ok(())
@@ -440,8 +419,4 @@ fn keep<T>(queue: &mut VecDeque<T>, entry: T, most: usize) {
     if queue.len() > most {
         queue.pop_front();
     }
-}
-
-fn planar(pose: &msg::Pose) -> Pose {
-    Pose::new(Point2::new(pose.position.x, pose.position.y), pose.heading())
 }

@@ -94,8 +94,6 @@ pub struct LogContents {
     pub topics: BTreeMap<String, Seen>,
     /// Records that could not be read, the first few.
     pub damage: Vec<String>,
-    /// Number of records that could not be read.
-    pub damaged: u64,
 }
 
 /// Which topic is what.
@@ -186,8 +184,7 @@ impl LogContents {
     /// A file that cannot be read. Damage is part of the result.
     pub fn of(path: &Path, stamps: Stamps) -> Result<Self, ImportError> {
         let files = files_of(path)?;
-        let mut survey =
-            LogContents { path: path.to_owned(), files, topics: BTreeMap::new(), damage: Vec::new(), damaged: 0 };
+        let mut survey = LogContents { path: path.to_owned(), files, topics: BTreeMap::new(), damage: Vec::new() };
         for file in survey.files.clone() {
             let mut reader = LogReader::open(&file)?.without_attachments();
             loop {
@@ -195,12 +192,8 @@ impl LogContents {
                     match record {
                         Ok(record) => survey.take(&record, &reader, stamps),
                         Err(error @ LogError::Read { .. }) => return Err(error.into()),
-                        Err(error) => {
-                            survey.damaged += 1;
-                            if survey.damage.len() < MOST_DAMAGE {
-                                survey.damage.push(error.to_string());
-                            }
-                        }
+                        Err(error) if survey.damage.len() < MOST_DAMAGE => survey.damage.push(error.to_string()),
+                        Err(_) => {}
                     }
                 }
                 if !reader.go_on()? {

@@ -69,15 +69,6 @@ pub enum Event {
     },
 }
 
-/// What came in and was not used.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Unused {
-    /// Readings whose stamp is not later than that of the one before.
-    pub out_of_order: u64,
-    /// Readings with values that are no numbers.
-    pub not_finite: u64,
-}
-
 #[derive(Debug, Clone)]
 enum Phase {
     /// It waits for an action.
@@ -151,13 +142,12 @@ pub struct Drive {
     last_step: Option<Duration>,
     frames: VecDeque<Frame>,
     events: VecDeque<Event>,
-    unused: Unused,
 }
 
 impl Drive {
     /// A robot of which nothing was heard; its frames come behind `last`, the number and the stamp of one that is recorded.
     pub fn new(scenario: Arc<Scenario>, motion: Motion, equipment: Equipment, last: Option<(u64, u64)>) -> Self {
-        let settings = motion.safety_of(scenario.robot.radius, equipment);
+        let settings = motion.safety_of(equipment);
         let any_reward = scenario.tasks.iter().any(|task| task.topic.is_some());
         Drive {
             actions: scenario.robot.actions.clone(),
@@ -186,7 +176,6 @@ impl Drive {
             last_step: None,
             frames: VecDeque::new(),
             events: VecDeque::new(),
-            unused: Unused::default(),
             motion,
             scenario,
         }
@@ -210,11 +199,6 @@ impl Drive {
     /// Whether the battery has become low since this was last asked.
     pub fn take_battery_low(&mut self) -> bool {
         std::mem::take(&mut self.battery_low)
-    }
-
-    /// What came in and was not used.
-    pub fn unused(&self) -> Unused {
-        self.unused
     }
 
     /// Do an action. Where the robot does something else, or was moved since the last frame, what it sees now comes first.
@@ -322,11 +306,6 @@ impl Drive {
         velocity
     }
 
-    /// What was being done is not done any more, and nobody knows what came of it.
-    fn leave_action(&mut self) {
-        self.phase = Phase::Look;
-    }
-
     /// The person does not drive any more.
     fn let_go(&mut self) {
         if let Phase::Driven(mut hand) = std::mem::replace(&mut self.phase, Phase::Look) {
@@ -394,14 +373,10 @@ impl Drive {
     fn hear_odometry(&mut self, at: Duration, stamp_ns: u64, odometry: Odometry) {
         let Pose { position, heading } = odometry.pose;
         if ![position.x, position.y, heading].iter().all(|value| value.is_finite()) || !odometry.velocity.is_finite() {
-            self.unused.not_finite += 1;
             return;
         }
         let before = self.odometries.last();
-        let Some(measured) = self.clock.sensed_at(&mut self.odometries, at, stamp_ns) else {
-            self.unused.out_of_order += 1;
-            return;
-        };
+        let Some(measured) = self.clock.sensed_at(&mut self.odometries, at, stamp_ns) else { return };
         self.measured = measured;
         self.safety.hear_odometry(measured, &odometry);
         if let (Some(before_ns), Some(&(_, before))) = (before, self.odometry.back()) {
@@ -414,7 +389,8 @@ impl Drive {
                 || angle > times * limits.turn_speed * seconds + besides[1]
             {
                 self.note(format!("odometry has jumped by {way:.2} m and {:.0}°", angle.to_degrees()));
-                self.leave_action();
+                // What was being done is not done any more, and nobody knows what came of it.
+                self.phase = Phase::Look;
                 self.odometry.clear();
             }
         }
@@ -422,10 +398,7 @@ impl Drive {
     }
 
     fn hear_scan(&mut self, at: Duration, stamp_ns: u64, scan: &Scan) {
-        let Some(taken) = self.clock.sensed_at(&mut self.scans, at, stamp_ns) else {
-            self.unused.out_of_order += 1;
-            return;
-        };
+        let Some(taken) = self.clock.sensed_at(&mut self.scans, at, stamp_ns) else { return };
         let robot = &self.scenario.robot;
         self.safety.hear_scan(
             taken,
@@ -436,10 +409,7 @@ impl Drive {
     }
 
     fn see(&mut self, at: Duration, stamp_ns: u64, image: Image) {
-        let Some(taken) = self.clock.sensed_at(&mut self.images, at, stamp_ns) else {
-            self.unused.out_of_order += 1;
-            return;
-        };
+        let Some(taken) = self.clock.sensed_at(&mut self.images, at, stamp_ns) else { return };
         let mut hasher = DefaultHasher::new();
         hasher.write(&image.rgb);
         let pixels = Some(hasher.finish());
@@ -521,9 +491,7 @@ impl Drive {
         self.number += 1;
         (self.taken_ns, self.taken) = (Some(stamp_ns), Some(taken));
     }
-}
 
-impl Drive {
     /// Save or restore it, between two actions. Where time does not go on where it was, only the count of frames is kept.
     pub fn persist(&mut self, snapshot: &mut Snapshot, time_goes_on: bool) -> Result<(), SnapshotError> {
         let (next, behind) = (self.number, self.taken_ns);

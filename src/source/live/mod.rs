@@ -10,7 +10,7 @@ mod tests;
 mod threaded;
 
 pub use base::{Base, Reading, Received, Scan};
-pub use drive::{Drive, Event, Unused};
+pub use drive::{Drive, Event};
 pub use threaded::Threaded;
 
 use std::sync::Arc;
@@ -20,7 +20,7 @@ use std::time::Duration;
 use crate::robot::Action;
 use crate::scenario::{Equipment, Motion, Scenario};
 use crate::snapshot::{Snapshot, SnapshotError};
-use crate::source::{Frame, Journal, Source};
+use crate::source::{Frame, Journal, Source, give_until_boundary};
 
 /// What people ask of a robot from other threads, and what it asks of them.
 #[derive(Debug, Clone, Default)]
@@ -106,40 +106,29 @@ impl<B: Base> Live<B> {
         }
     }
 
-    /// Go on until a boundary was given; whether there may be more.
-    fn run(&mut self, give: &mut dyn FnMut(Frame) -> bool) -> bool {
+    /// Go on until there is a frame; none where the run is to end.
+    fn next(&mut self) -> Option<Frame> {
         loop {
-            while let Some(frame) = self.drive.frame() {
-                let ends = frame.boundary.is_some();
-                if !give(frame) {
-                    return false;
-                }
-                if ends {
-                    return true;
-                }
+            if let Some(frame) = self.drive.frame() {
+                return Some(frame);
             }
-            if self.switches.stop.load(Ordering::Relaxed) {
-                self.cycle();
-                return false;
-            }
+            let ends = self.switches.stop.load(Ordering::Relaxed);
             self.cycle();
+            if ends {
+                return None;
+            }
         }
     }
 }
 
 impl<B: Base> Source for Live<B> {
     fn first(&mut self) -> Option<Frame> {
-        let mut first = None;
-        self.run(&mut |frame| {
-            first = Some(frame);
-            true
-        });
-        first
+        self.next()
     }
 
     fn execute(&mut self, action: Action, give: &mut dyn FnMut(Frame) -> bool) -> bool {
         self.drive.order(action);
-        self.run(give)
+        give_until_boundary(|| self.next(), give)
     }
 
     fn keep_journal(&mut self, journal: Option<Journal>) {

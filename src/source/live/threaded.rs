@@ -10,7 +10,7 @@ use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, TryRecvError, unboun
 use super::{Base, Live, Switches};
 use crate::robot::Action;
 use crate::snapshot::{Snapshot, SnapshotError};
-use crate::source::{Frame, Journal, Source};
+use crate::source::{Frame, Journal, Source, give_until_boundary};
 
 /// How often whoever waits for a frame sees whether the run is to end.
 const LOOK_INTERVAL: Duration = Duration::from_millis(100);
@@ -56,23 +56,17 @@ impl Threaded {
         Ok(Threaded { orders: Some(orders), frames, taken: 0, switches, journal, thread })
     }
 
-    /// Frames until a boundary; whether there may be more.
-    fn run(&mut self, give: &mut dyn FnMut(Frame) -> bool) -> bool {
+    /// The next frame; none where the run is to end.
+    fn next(&mut self) -> Option<Frame> {
         loop {
             match self.frames.recv_timeout(LOOK_INTERVAL) {
                 Ok(frame) => {
-                    let ends = frame.boundary.is_some();
-                    self.taken += u64::from(ends);
-                    if !give(frame) {
-                        return false;
-                    }
-                    if ends {
-                        return true;
-                    }
+                    self.taken += u64::from(frame.boundary.is_some());
+                    return Some(frame);
                 }
-                Err(RecvTimeoutError::Timeout) if self.switches.stop.load(Ordering::Relaxed) => return false,
+                Err(RecvTimeoutError::Timeout) if self.switches.stop.load(Ordering::Relaxed) => return None,
                 Err(RecvTimeoutError::Timeout) => {}
-                Err(RecvTimeoutError::Disconnected) => return false,
+                Err(RecvTimeoutError::Disconnected) => return None,
             }
         }
     }
@@ -132,16 +126,11 @@ fn control<B: Base>(
 
 impl Source for Threaded {
     fn first(&mut self) -> Option<Frame> {
-        let mut first = None;
-        self.run(&mut |frame| {
-            first = Some(frame);
-            true
-        });
-        first
+        self.next()
     }
 
     fn execute(&mut self, action: Action, give: &mut dyn FnMut(Frame) -> bool) -> bool {
-        self.order(Order::Do(action, self.taken)) && self.run(give)
+        self.order(Order::Do(action, self.taken)) && give_until_boundary(|| self.next(), give)
     }
 
     fn keep_journal(&mut self, journal: Option<Journal>) {
