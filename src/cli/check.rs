@@ -13,7 +13,6 @@ use super::{CheckArgs, Ending, folder, print, print_json, run::load};
 use crate::agent::{Memory, machine_memory};
 use crate::log::{Ending as LogEnding, LogSummary, summarise};
 use crate::report::{Numbered, Origin};
-use crate::scenario::Scenario;
 use crate::world::World;
 
 /// Check a scenario, or the logs of a run.
@@ -43,7 +42,9 @@ struct Sizes {
 fn scenario(args: &CheckArgs) -> Result<(), Ending> {
     let scenario = load(&args.target, &args.set)?;
     let memory = Memory::of(&scenario);
-    let log = forecast(&scenario)?;
+    let (options, rotation) = log_options(&scenario);
+    let world = Arc::new(World::new(&scenario)?);
+    let log = LogForecast::of(&scenario, &world, &options, rotation, &metadata(&scenario, &Origin::default()))?;
     let sizes = Sizes {
         valid: true,
         name: scenario.name.clone(),
@@ -83,14 +84,6 @@ fn scenario(args: &CheckArgs) -> Result<(), Ending> {
     print(&scenario.text)
 }
 
-/// How large the log of a run will be.
-fn forecast(scenario: &Scenario) -> Result<LogForecast, Ending> {
-    let world = Arc::new(World::new(scenario)?);
-    let (options, rotation) = log_options(scenario);
-    let metadata = metadata(scenario, &Origin::default());
-    Ok(LogForecast::of(scenario, &world, &options, rotation, &metadata)?)
-}
-
 /// What `--json` prints of one log file.
 #[derive(Serialize)]
 struct Checked {
@@ -125,7 +118,7 @@ impl Checked {
             damaged_records: summary.damaged,
             missing_observations: summary.missing,
             out_of_order: summary.out_of_order,
-            clock_steps: summary.clock_steps.len(),
+            clock_steps: summary.clock_steps,
             dropped_frames: summary.dropped,
             missing_before: 0,
             continued: false,

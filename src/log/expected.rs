@@ -43,7 +43,6 @@ struct Topic {
     /// The stamp of the last one, and how many have that.
     last_stamp_ns: u64,
     with_last: usize,
-    count: usize,
     /// Messages that have come since.
     repeated: usize,
     repeated_with_last: usize,
@@ -85,10 +84,10 @@ impl Expected {
     pub fn record(&mut self, topic: &str, stamp_ns: u64, body: &[u8]) {
         let Some(name) = topics::ALL.iter().map(|known| known.name).find(|&name| name == topic) else { return };
         let entry = self.topics.entry(name).or_default();
-        if entry.count == 0 || stamp_ns != entry.last_stamp_ns {
+        if stamp_ns != entry.last_stamp_ns {
             entry.with_last = 0;
         }
-        (entry.last_stamp_ns, entry.with_last, entry.count) = (stamp_ns, entry.with_last + 1, entry.count + 1);
+        (entry.last_stamp_ns, entry.with_last) = (stamp_ns, entry.with_last + 1);
         if REPEATABLE.contains(&name) {
             entry.messages.push(Seen { stamp_ns, hash: hash(body) });
         }

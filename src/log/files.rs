@@ -7,6 +7,7 @@ use super::{Ending, LogError, LogReader, Record};
 /// Records of several files, in order; the errors of each are passed on, and reading continues with the next file.
 pub struct FilesReader {
     left: std::vec::IntoIter<PathBuf>,
+    /// Attachments as well, which may be large.
     attachments: bool,
     reader: Option<LogReader>,
     endings: Vec<Ending>,
@@ -16,13 +17,6 @@ impl FilesReader {
     /// A reader of these files, without their attachments.
     pub fn new(files: Vec<PathBuf>) -> Self {
         FilesReader { left: files.into_iter(), attachments: false, reader: None, endings: Vec::new() }
-    }
-
-    /// Attachments as well, which may be large.
-    #[must_use]
-    pub fn with_attachments(mut self) -> Self {
-        self.attachments = true;
-        self
     }
 
     /// How each file that was read ended.
@@ -63,7 +57,7 @@ impl Iterator for FilesReader {
 /// The newest attachment of a name in log files, also behind damage, and the file that holds it; `warn` is told of damage.
 pub fn newest(files: Vec<PathBuf>, wanted: &str, warn: impl Fn(&LogError)) -> Option<(Vec<u8>, PathBuf)> {
     files.into_iter().rev().find_map(|path| {
-        let records = FilesReader::new(vec![path.clone()]).with_attachments();
+        let records = FilesReader { attachments: true, ..FilesReader::new(vec![path.clone()]) };
         let found = records.filter_map(|record| match record.inspect_err(&warn) {
             Ok(Record::Attachment { name, data, .. }) if name == wanted => Some(data),
             _ => None,

@@ -75,7 +75,7 @@ pub fn recover_into<R: Read + Seek, W: Write>(
         }
     }
     found.ending = reader.ending().cloned().unwrap_or(Ending::NoFooter);
-    copy.finish(&reader)?;
+    copy.writer(&reader)?.finish().map_err(|cause| failed(log, &cause))?;
     Ok(found)
 }
 
@@ -161,12 +161,6 @@ impl<W: Write> Copy<W> {
                 found.attachments += 1;
             }
         }
-        Ok(())
-    }
-
-    fn finish<R: Read>(mut self, reader: &LogReader<R>) -> Result<(), LogError> {
-        let log = self.log.clone();
-        self.writer(reader)?.finish().map_err(|cause| failed(&log, &cause))?;
         Ok(())
     }
 }

@@ -3,7 +3,7 @@
 use std::{collections::BTreeMap, path::Path};
 
 use super::messages::Health;
-use super::{Ending, LogError, LogReader, Record, topics};
+use super::{Ending, FilesReader, LogError, Record, topics};
 
 /// Holes that a summary lists one by one; further ones are only counted.
 pub const MOST_HOLES: usize = 1000;
@@ -15,17 +15,6 @@ pub struct FrameGap {
     pub after: u32,
     /// Sequence number behind it.
     pub before: u32,
-}
-
-/// The clock of the observations jumped.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct ClockStep {
-    /// Sequence number of the observation before.
-    pub after: u32,
-    /// Its stamp, nanoseconds.
-    pub from_ns: u64,
-    /// The stamp of the next observation, nanoseconds.
-    pub to_ns: u64,
 }
 
 /// A step forward is longer than this many times the one before, and than a second.
@@ -54,8 +43,8 @@ pub struct LogSummary {
     pub out_of_order: u64,
     /// Sequence numbers of the first and the last observation.
     pub observations: Option<(u32, u32)>,
-    /// Where the clock goes backwards, or forward much further than before; at most [`MOST_HOLES`].
-    pub clock_steps: Vec<ClockStep>,
+    /// How often the clock goes backwards, or forward much further than before; at most [`MOST_HOLES`].
+    pub clock_steps: usize,
     /// Frames that the source dropped, up to the end of this file.
     pub dropped: u64,
 }
@@ -65,33 +54,19 @@ pub struct LogSummary {
 /// # Errors
 /// [`LogError::Open`] and [`LogError::Read`].
 pub fn summarise(path: &Path) -> Result<LogSummary, LogError> {
-    let mut reader = LogReader::open(path)?.without_attachments();
-    let mut summary = LogSummary {
-        bytes: std::fs::metadata(path)
-            .map_err(|cause| LogError::Open { log: path.display().to_string(), cause })?
-            .len(),
-        ..LogSummary::default()
-    };
-    let mut clock = Clock::default();
-    loop {
-        for record in reader.by_ref() {
-            match record {
-                Ok(record @ Record::Message { .. }) => summary.message(&record, &mut clock),
-                Ok(Record::Metadata { name, map }) => {
-                    summary.metadata.insert(name, map);
-                }
-                Ok(Record::Attachment { .. }) => {}
-                Err(error @ LogError::Read { .. }) => return Err(error),
-                Err(_) => summary.damaged += 1,
-            }
-        }
-        if !reader.go_on()? {
-            break;
+    let about = std::fs::metadata(path).map_err(|cause| LogError::Open { log: path.display().to_string(), cause })?;
+    let mut summary = LogSummary { bytes: about.len(), ..LogSummary::default() };
+    let (mut records, mut clock) = (FilesReader::new(vec![path.to_owned()]), Clock::default());
+    for record in records.by_ref() {
+        match record {
+            Ok(record @ Record::Message { .. }) => summary.message(&record, &mut clock),
+            Ok(Record::Metadata { name, map }) => drop(summary.metadata.insert(name, map)),
+            Ok(Record::Attachment { .. }) => {}
+            Err(error @ (LogError::Open { .. } | LogError::Read { .. })) => return Err(error),
+            Err(_) => summary.damaged += 1,
         }
     }
-    if let Some(ending) = reader.ending() {
-        summary.ending = ending.clone();
-    }
+    summary.ending = records.endings().first().cloned().unwrap_or_default();
     Ok(summary)
 }
 
@@ -124,10 +99,9 @@ impl LogSummary {
         let usual =
             clock.step_ns.map_or(u64::MAX, |usual| usual.max(1).saturating_mul(LONG_STEP).saturating_mul(frames));
         let jumps = step.is_none_or(|step| step > usual && step > 1_000_000_000);
-        if jumps && self.clock_steps.len() < MOST_HOLES {
-            self.clock_steps.push(ClockStep { after, from_ns, to_ns: *log_time_ns });
-        }
-        if !jumps {
+        if jumps {
+            self.clock_steps = MOST_HOLES.min(self.clock_steps + 1);
+        } else {
             clock.step_ns = step.map(|step| step / frames);
         }
     }
@@ -135,9 +109,7 @@ impl LogSummary {
     fn count(&mut self, topic: &str, stamp_ns: u64) {
         match self.messages.get_mut(topic) {
             Some(count) => *count += 1,
-            None => {
-                self.messages.insert(topic.to_owned(), 1);
-            }
+            None => drop(self.messages.insert(topic.to_owned(), 1)),
         }
         let (first, last) = self.stamps_ns.unwrap_or((stamp_ns, stamp_ns));
         self.stamps_ns = Some((first.min(stamp_ns), last.max(stamp_ns)));

@@ -2,7 +2,7 @@
 //!
 //! A [`Topic`] carries its message type, so that a message of another type on it does not compile.
 
-use std::{fmt, marker::PhantomData};
+use std::marker::PhantomData;
 
 use super::messages::{
     Decision, DictionaryGrowth, Evaluation, FrameTaken, GoalMoved, Health, Image, LaserScan, Log, ModelRequest,
@@ -42,12 +42,6 @@ impl<M> Clone for Topic<M> {
 }
 
 impl<M> Copy for Topic<M> {}
-
-impl<M> fmt::Debug for Topic<M> {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(formatter, "Topic({})", self.name)
-    }
-}
 
 /// Whether a topic has what a robot's link says, as it comes, and not what follows from frames.
 pub fn is_of_robot(topic: &str) -> bool {

@@ -48,7 +48,13 @@ pub(super) struct Chunk {
 impl Chunk {
     /// No chunk.
     pub(super) fn none() -> Self {
-        Self { reader: new_reader(), record: Vec::new(), given: 0, promised: 0, seen: 0 }
+        let options = LinearReaderOptions::default()
+            .with_skip_start_magic(true)
+            .with_skip_end_magic(true)
+            .with_prevalidate_chunk_crcs(true)
+            .with_record_length_limit(MAX_RECORD_BYTES as usize);
+        let reader = LinearReader::new_with_options(options);
+        Self { reader, record: Vec::new(), given: 0, promised: 0, seen: 0 }
     }
 
     /// Starts on a chunk, given as its record in the file. The error says what is wrong.
@@ -94,16 +100,6 @@ impl Chunk {
         *self = Self::none();
         cause
     }
-}
-
-fn new_reader() -> LinearReader {
-    LinearReader::new_with_options(
-        LinearReaderOptions::default()
-            .with_skip_start_magic(true)
-            .with_skip_end_magic(true)
-            .with_prevalidate_chunk_crcs(true)
-            .with_record_length_limit(MAX_RECORD_BYTES as usize),
-    )
 }
 
 /// Checks that a chunk's sizes add up; returns the size of its records.

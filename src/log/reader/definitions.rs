@@ -21,7 +21,7 @@ pub(super) struct Definitions {
     none: Schema,
     channels: BTreeMap<u16, Defined>,
     /// What the file says of itself: its profile.
-    profile: Option<String>,
+    pub(super) profile: Option<String>,
     /// Channels that messages named but that are not defined; each is complained of once.
     missing: BTreeSet<u16>,
 }
@@ -41,11 +41,6 @@ struct Defined {
 }
 
 impl Definitions {
-    /// The profile that the file's header names.
-    pub(super) fn profile(&self) -> Option<&str> {
-        self.profile.as_deref()
-    }
-
     fn schema(&self, id: u16) -> Option<&Schema> {
         if id == 0 { Some(&self.none) } else { self.schemas.get(&id) }
     }

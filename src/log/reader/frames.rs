@@ -23,11 +23,13 @@ pub(super) enum Next {
 
 /// Steps through a file's records, with one of them in memory.
 pub(super) struct Frames<R> {
-    source: R,
-    /// Where the current record starts, and where the next one does.
-    offset: u64,
+    pub(super) source: R,
+    /// Where the current record starts, bytes from the start of the file.
+    pub(super) offset: u64,
+    /// Where the next one does.
     next_offset: u64,
-    record: Vec<u8>,
+    /// The current record with its head.
+    pub(super) record: Vec<u8>,
     /// Where a record starts that did not add up: its length may be wrong, and with it all that seemed to follow.
     doubtful: Option<u64>,
     /// Attachments are stepped over and not loaded.
@@ -37,20 +39,6 @@ pub(super) struct Frames<R> {
 impl<R: Read> Frames<R> {
     pub(super) fn new(source: R) -> Self {
         Self { source, offset: 0, next_offset: 0, record: Vec::new(), doubtful: None, skip_attachments: false }
-    }
-
-    pub(super) fn source(&mut self) -> &mut R {
-        &mut self.source
-    }
-
-    /// Where the current record starts, bytes from the start of the file.
-    pub(super) fn offset(&self) -> u64 {
-        self.offset
-    }
-
-    /// The current record with its head.
-    pub(super) fn record(&self) -> &[u8] {
-        &self.record
     }
 
     /// The current record does not add up.

@@ -179,7 +179,7 @@ impl<R: Read> LogReader<R> {
 
     /// Where the log is read from.
     pub fn source(&mut self) -> &mut R {
-        self.frames.source()
+        &mut self.frames.source
     }
 
     /// A channel that was defined so far.
@@ -189,7 +189,7 @@ impl<R: Read> LogReader<R> {
 
     /// The profile that the file's header names, once that was read.
     pub fn profile(&self) -> Option<&str> {
-        self.definitions.profile()
+        self.definitions.profile.as_deref()
     }
 
     /// How the log ended; `None` until the iterator has.
@@ -206,7 +206,7 @@ impl<R: Read> LogReader<R> {
 
     /// Notes damage at the current record; the first one becomes the ending.
     fn damaged(&mut self, cause: String) -> LogError {
-        let offset = self.frames.offset();
+        let offset = self.frames.offset;
         self.damage.get_or_insert_with(|| Ending::Damaged { offset, cause: cause.clone() });
         LogError::Damaged { log: self.log.clone(), offset, cause }
     }
@@ -261,7 +261,7 @@ impl<R: Read + Seek> LogReader<R> {
             return Ok(false);
         }
         let failed = |offset, cause| LogError::Read { log: self.log.clone(), offset, cause };
-        let offset = self.frames.offset();
+        let offset = self.frames.offset;
         let found = self.frames.find_chunk().map_err(|cause| failed(offset, cause))?;
         if found {
             (self.lost, self.ending) = (false, None);
@@ -296,7 +296,7 @@ impl<R: Read> Iterator for LogReader<R> {
                     return Some(Err(error));
                 }
                 Next::Failed(cause) => {
-                    let offset = self.frames.offset();
+                    let offset = self.frames.offset;
                     self.damaged(cause.to_string());
                     self.end(Ending::NoFooter);
                     let log = self.log.clone();
@@ -305,7 +305,7 @@ impl<R: Read> Iterator for LogReader<R> {
             }
             let (kind, body) = self.frames.parts();
             let taken = if kind == op::CHUNK {
-                let started = self.chunk.start(self.frames.record());
+                let started = self.chunk.start(&self.frames.record);
                 self.in_chunk = started.is_ok();
                 started.map(|()| None)
             } else {

@@ -102,7 +102,7 @@ impl RunLog {
         rotation: Rotation,
         metadata: &BTreeMap<String, String>,
     ) -> Result<Self, LogError> {
-        Self::begin(Box::new(storage), options, rotation, metadata, VecDeque::new())
+        Self::append(storage, options, rotation, metadata, &[])
     }
 
     /// Go on with the log of a run that has files already: their numbers and sizes, in order.
@@ -110,33 +110,16 @@ impl RunLog {
     /// # Errors
     /// As [`LogWriter::create`].
     pub fn append(
-        storage: impl Storage + 'static,
+        mut storage: impl Storage + 'static,
         options: &LogOptions,
         rotation: Rotation,
         metadata: &BTreeMap<String, String>,
         files: &[(u32, u64)],
     ) -> Result<Self, LogError> {
-        Self::begin(Box::new(storage), options, rotation, metadata, files.iter().copied().collect())
-    }
-
-    /// Compare what is written with a recording from now on.
-    #[must_use]
-    pub fn expecting(mut self, expected: Expected, repeating: Repeating) -> Self {
-        self.expected = Some((expected, repeating));
-        self
-    }
-
-    fn begin(
-        mut storage: Box<dyn Storage>,
-        options: &LogOptions,
-        rotation: Rotation,
-        metadata: &BTreeMap<String, String>,
-        closed: VecDeque<(u32, u64)>,
-    ) -> Result<Self, LogError> {
-        let number = closed.back().map_or(0, |(number, _)| number.saturating_add(1));
-        let writer = open(storage.as_mut(), number, options, metadata)?;
+        let number = files.last().map_or(0, |(number, _)| number.saturating_add(1));
+        let writer = open(&mut storage, number, options, metadata)?;
         Ok(RunLog {
-            storage,
+            storage: Box::new(storage),
             options: options.clone(),
             rotation,
             metadata: metadata.clone(),
@@ -146,13 +129,20 @@ impl RunLog {
             opened: None,
             patience: 1,
             unflushed: Unflushed::default(),
-            closed,
+            closed: files.iter().copied().collect(),
             totals: RunTotals::default(),
             failed: None,
             expected: None,
             stamp_ns: 0,
             body: Vec::new(),
         })
+    }
+
+    /// Compare what is written with a recording from now on.
+    #[must_use]
+    pub fn expecting(mut self, expected: Expected, repeating: Repeating) -> Self {
+        self.expected = Some((expected, repeating));
+        self
     }
 
     /// Add a message. `stamp_ns` is the log's clock, nanoseconds.
