@@ -215,7 +215,7 @@ fn markers(view: &View) -> Vec<Marker> {
     let size = |x, y, z| Vector3 { x, y, z };
     for task in &view.tasks {
         let Some([x, y]) = task.goal else { continue };
-        let pose = pose_at([x, y, 0.0]);
+        let pose = Pose::planar(x, y, 0.0);
         let (ns, across) = ("goals".to_owned(), 2.0 * task.radius);
         all.push(Marker {
             ns: ns.clone(),
@@ -232,29 +232,22 @@ fn markers(view: &View) -> Vec<Marker> {
         all.push(Marker {
             ns: "way".to_owned(),
             kind: Marker::LINE_STRIP,
-            pose: pose_at([0.0; 3]),
+            pose: Pose::planar(0.0, 0.0, 0.0),
             scale: size(0.02, 0.0, 0.0),
             color: WAY,
             points: view.way.iter().map(|&[x, y]| Point { x, y, z: 0.0 }).collect(),
             ..Marker::default()
         });
     }
-    if let Some(pose) = view.pose {
+    if let Some([x, y, heading]) = view.pose {
         all.push(Marker {
             ns: "robot".to_owned(),
             kind: Marker::ARROW,
-            pose: pose_at(pose),
+            pose: Pose::planar(x, y, heading),
             scale: size(0.3, 0.05, 0.05),
             color: ROBOT,
             ..Marker::default()
         });
     }
     all
-}
-
-fn pose_at([x, y, heading]: [f64; 3]) -> Pose {
-    let mut pose = Pose::default();
-    (pose.position.x, pose.position.y) = (x, y);
-    (pose.orientation.z, pose.orientation.w) = (heading / 2.0).sin_cos();
-    pose
 }

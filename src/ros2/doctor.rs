@@ -3,14 +3,14 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::io::Cursor;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use serde::Serialize;
 
-use super::graph::{Domain, End, Graph, LinkError, sensor_qos};
-use super::listen::{ear, listen};
+use super::graph::{Domain, End, Graph, LinkError, kinds, sensor_qos};
+use super::listen::Threads;
+use super::lock;
 use crate::log::Message;
 use crate::log::messages::{self as msg, foreign};
 use crate::scenario::Ros2;
@@ -77,12 +77,8 @@ struct Notes {
 }
 
 impl Ear {
-    fn lock(&self) -> std::sync::MutexGuard<'_, Notes> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     fn hear(&self, header: &msg::Header) {
-        let (now, notes) = (Instant::now(), &mut self.lock());
+        let (now, notes) = (Instant::now(), &mut lock(&self.0));
         notes.heard.messages += 1;
         notes.first_and_last = Some((notes.first_and_last.map_or(now, |(first, _)| first), now));
         let ours = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64());
@@ -94,10 +90,10 @@ impl Ear {
         self.hear(header);
         match image {
             Ok(image) => {
-                self.lock().image.get_or_insert(image);
+                lock(&self.0).image.get_or_insert(image);
             }
             Err(error) => {
-                self.lock().heard.unusable.get_or_insert(error.to_string());
+                lock(&self.0).heard.unusable.get_or_insert(error.to_string());
             }
         }
     }
@@ -105,12 +101,12 @@ impl Ear {
     fn refuse(&self) -> impl FnMut(String) + Send + 'static {
         let of = self.clone();
         move |reason| {
-            of.lock().heard.unusable.get_or_insert(reason);
+            lock(&of.0).heard.unusable.get_or_insert(reason);
         }
     }
 
     fn heard(&self) -> Heard {
-        let notes = self.lock();
+        let notes = lock(&self.0);
         let seconds = notes.first_and_last.map_or(0.0, |(first, last)| (last - first).as_secs_f64());
         let hz = (seconds > 0.0).then(|| (notes.heard.messages - 1) as f64 / seconds);
         Heard { hz, ..notes.heard.clone() }
@@ -126,9 +122,7 @@ impl Doctor {
         let mut graph = Domain::join(settings)?.node("")?;
         let begun = Instant::now();
         let until = begun + Duration::from_secs_f64(seconds);
-        let over = Arc::new(AtomicBool::new(false));
-        let (mut ears, mut notes, mut threads) = (Vec::new(), BTreeMap::new(), Vec::new());
-        let failed = |domain: u16, cause: std::io::Error| LinkError::Network { domain, cause: cause.to_string() };
+        let (mut ears, mut notes, mut threads) = (Vec::new(), BTreeMap::new(), Threads::default());
         // Whom to listen to is known only once they were found.
         let names = [&settings.camera, &settings.odometry, &settings.scan];
         let mut wanted: Vec<String> =
@@ -151,15 +145,12 @@ impl Doctor {
             wanted = left;
             if !ears.is_empty() {
                 let ears = std::mem::take(&mut ears);
-                threads.push(listen("doctor", ears, &over).map_err(|cause| failed(graph.domain(), cause))?);
+                threads.listen("doctor", ears).map_err(|cause| graph.failed(&cause))?;
             }
             std::thread::sleep(super::graph::LOOK_INTERVAL);
         }
-        over.store(true, Ordering::Relaxed);
-        for thread in threads {
-            let _ = thread.join();
-        }
-        let image = notes.values().find_map(|of| of.lock().image.take());
+        drop(threads);
+        let image = notes.values().find_map(|of| lock(&of.0).image.take());
         let mut doctor = Doctor {
             domain: graph.domain(),
             seconds: begun.elapsed().as_secs_f64(),
@@ -173,38 +164,13 @@ impl Doctor {
         Ok(doctor)
     }
 
-    /// Whether a run can begin like this.
-    pub fn is_well(&self) -> bool {
-        !self.findings.iter().any(|finding| finding.is_error)
-    }
-
     fn examine(&self, settings: &Ros2) -> Vec<Finding> {
         let mut findings = Vec::new();
         let mut find = |is_error: bool, text: String| findings.push(Finding { is_error, text });
         let publishers = |topic: &str| self.published.iter().filter(|end| end.topic == topic).count();
-        let images = [msg::Image::TYPE, foreign::CompressedImage::TYPE];
-        let topics: [(&str, &str, &[&str]); 9] = [
-            ("camera", &settings.camera, &images),
-            ("odometry", &settings.odometry, &[msg::Odometry::TYPE]),
-            ("scan", &settings.scan, &[msg::LaserScan::TYPE]),
-            ("bumper", &settings.bumper, &[foreign::Bool::TYPE]),
-            ("emergency_stop", &settings.emergency_stop, &[foreign::Bool::TYPE]),
-            ("lock", &settings.lock, &[foreign::Bool::TYPE]),
-            ("teleop", &settings.teleop, &[foreign::TWIST, msg::TwistStamped::TYPE]),
-            ("battery", &settings.battery, &[foreign::BatteryState::TYPE]),
-            (
-                "pose",
-                &settings.pose,
-                &[
-                    msg::PoseStamped::TYPE,
-                    foreign::PoseWithCovarianceStamped::TYPE,
-                    msg::Odometry::TYPE,
-                    foreign::TfMessage::TYPE,
-                ],
-            ),
-        ];
-        for (key, name, kinds) in topics.into_iter().filter(|(_, name, _)| !name.is_empty()) {
-            let topic = settings.topic(name);
+        let topics = settings.topics().into_iter().filter(|&(key, name)| key != "command" && !name.is_empty());
+        for (key, name) in topics {
+            let (topic, kinds) = (settings.topic(name), kinds(key));
             let found = self.published.iter().find(|end| end.topic == topic);
             match found {
                 None => {
@@ -247,7 +213,7 @@ impl Doctor {
         }
         let command = settings.topic(&settings.command);
         let heard_as = |kind: &str| self.listened_to.iter().any(|end| end.topic == command && end.kind == kind);
-        match (heard_as(foreign::TWIST), heard_as(msg::TwistStamped::TYPE)) {
+        match (heard_as(msg::Twist::TYPE), heard_as(msg::TwistStamped::TYPE)) {
             (false, false) => find(true, format!("ros2.command = {command}: nobody listens to it")),
             (true, true) => find(
                 settings.command_type == crate::scenario::CommandType::Auto,
@@ -303,38 +269,39 @@ impl fmt::Display for Doctor {
         for finding in &self.findings {
             writeln!(f, "{}: {}", if finding.is_error { "error" } else { "note" }, finding.text)?;
         }
-        let word = if self.is_well() { "a run can begin" } else { "a run cannot begin like this" };
-        writeln!(f, "{word}")
+        let fails = self.findings.iter().any(|finding| finding.is_error);
+        writeln!(f, "{}", if fails { "a run cannot begin like this" } else { "a run can begin" })
     }
 }
 
 /// An ear for a topic of a type that is known here.
 fn listen_to(graph: &mut Graph, end: &End, of: &Ear) -> Result<Option<super::listen::Ear>, LinkError> {
-    let (topic, kind, note) = (end.topic.as_str(), end.kind.as_str(), of.clone());
-    Ok(Some(if kind == msg::Image::TYPE {
-        let take = move |image: msg::Image| note.see(&image.header, picture::raw(&image));
-        ear(graph.subscribe(topic, kind, sensor_qos())?, take, of.refuse())
-    } else if kind == foreign::CompressedImage::TYPE {
-        let take = move |image: foreign::CompressedImage| note.see(&image.header, picture::compressed(&image));
-        ear(graph.subscribe(topic, kind, sensor_qos())?, take, of.refuse())
-    } else if kind == msg::Odometry::TYPE {
-        let take = move |odometry: msg::Odometry| note.hear(&odometry.header);
-        ear(graph.subscribe(topic, kind, sensor_qos())?, take, of.refuse())
-    } else if kind == msg::LaserScan::TYPE {
-        let take = move |scan: msg::LaserScan| note.hear(&scan.header);
-        ear(graph.subscribe(topic, kind, sensor_qos())?, take, of.refuse())
-    } else if kind == foreign::TfMessage::TYPE {
-        let take = move |message: foreign::TfMessage| {
-            for transform in &message.transforms {
-                note.hear(&transform.header);
-                let (frame, outer) = (&transform.child_frame_id, &transform.header.frame_id);
-                note.lock().heard.frames.insert(format!("{frame} in {outer}"));
-            }
-        };
-        ear(graph.subscribe(topic, kind, sensor_qos())?, take, of.refuse())
-    } else {
-        return Ok(None);
-    }))
+    let (topic, note, refuse) = (end.topic.as_str(), of.clone(), of.refuse());
+    let ear = match end.kind.as_str() {
+        msg::Image::TYPE => {
+            graph.hear(topic, sensor_qos(), move |of: msg::Image| note.see(&of.header, picture::raw(&of)), refuse)
+        }
+        foreign::CompressedImage::TYPE => {
+            let take = move |of: foreign::CompressedImage| note.see(&of.header, picture::compressed(&of));
+            graph.hear(topic, sensor_qos(), take, refuse)
+        }
+        msg::Odometry::TYPE => graph.hear(topic, sensor_qos(), move |of: msg::Odometry| note.hear(&of.header), refuse),
+        msg::LaserScan::TYPE => {
+            graph.hear(topic, sensor_qos(), move |of: msg::LaserScan| note.hear(&of.header), refuse)
+        }
+        foreign::TfMessage::TYPE => {
+            let take = move |message: foreign::TfMessage| {
+                for transform in &message.transforms {
+                    note.hear(&transform.header);
+                    let (frame, outer) = (&transform.child_frame_id, &transform.header.frame_id);
+                    lock(&note.0).heard.frames.insert(format!("{frame} in {outer}"));
+                }
+            };
+            graph.hear(topic, sensor_qos(), take, refuse)
+        }
+        _ => return Ok(None),
+    };
+    ear.map(Some)
 }
 
 fn png(image: &Image) -> Option<Vec<u8>> {

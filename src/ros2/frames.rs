@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use crate::log::messages::foreign::TransformStamped;
 use crate::robot::Pose;
 use crate::source::imported::ROBOT_FRAMES;
+use crate::source::planar;
 
 /// Frames that may stand between the robot's and the outermost.
 const MOST_BETWEEN: usize = 16;
@@ -18,8 +19,7 @@ impl Frames {
     pub fn hear(&mut self, transform: &TransformStamped) -> Option<(u64, Pose)> {
         let name = |text: &str| text.trim_start_matches('/').to_owned();
         let (child, parent) = (name(&transform.child_frame_id), name(&transform.header.frame_id));
-        let pose = transform.transform.pose();
-        let pose = Pose::new([pose.position.x, pose.position.y].into(), pose.heading());
+        let pose = planar(&transform.transform.pose());
         self.0.insert(child.clone(), (parent.clone(), pose));
         if !ROBOT_FRAMES.contains(&child.as_str()) {
             return None;

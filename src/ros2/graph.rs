@@ -1,18 +1,21 @@
 //! Who publishes and who listens, and our own node among them.
 
 use std::collections::BTreeMap;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use ros2_client::action::{ActionServer, ActionServerQosPolicies};
 use ros2_client::qos::{Durability, History, WhenFull};
 use ros2_client::ros2::LogLevel;
 use ros2_client::{
     ActionTypeName, Context, ContextOptions, Message, MessageTypeName, Name, Node, NodeName, NodeOptions, Publisher,
-    QosProfile, Server, ServiceMapping, ServiceTypeName, Subscription,
+    QosProfile, Server, ServiceMapping, ServiceTypeName,
 };
 use serde::Serialize;
 use thiserror::Error;
 
+use super::listen::{Ear, ear};
+use crate::log::messages::{self as msg, foreign};
+use crate::log::{self, Message as _};
 use crate::scenario::Ros2;
 
 /// Why there is no robot.
@@ -107,9 +110,8 @@ impl Domain {
     pub fn join(settings: &Ros2) -> Result<Self, LinkError> {
         let from_environment = || std::env::var("ROS_DOMAIN_ID").ok().and_then(|id| id.trim().parse().ok());
         let domain = settings.domain.or_else(from_environment).unwrap_or(0);
-        let failed = |cause: String| LinkError::Network { domain, cause };
         let context = Context::with_options(ContextOptions::new().domain_id(domain));
-        let context = context.map_err(|error| failed(error.to_string()))?;
+        let context = context.map_err(|error| LinkError::Network { domain, cause: error.to_string() })?;
         Ok(Domain { settings: settings.clone(), context })
     }
 
@@ -123,22 +125,19 @@ impl Domain {
     /// # Errors
     /// [`LinkError::Network`].
     pub fn node(&self, ending: &str) -> Result<Graph, LinkError> {
-        let Domain { settings, context } = self.clone();
-        let failed = |cause: String| LinkError::Network { domain: context.domain_id(), cause };
-        let namespace = settings.topic("").trim_end_matches('/').to_owned();
+        let namespace = self.settings.topic("").trim_end_matches('/').to_owned();
         let namespace = if namespace.is_empty() { "/".to_owned() } else { namespace };
-        let name = NodeName::new(&namespace, &format!("{}{ending}", settings.node));
-        let name = name.map_err(|error| failed(format!("ros2.node or ros2.namespace: {error:?}")))?;
+        let name = NodeName::new(&namespace, &format!("{}{ending}", self.settings.node));
+        let name = name.map_err(|error| self.failed(&format!("ros2.node or ros2.namespace: {error:?}")))?;
         let options = NodeOptions::new().enable_rosout(true).start_parameter_services(false);
-        let node = context.new_node(name, options).map_err(|error| failed(error.to_string()))?;
-        Ok(Graph { settings, context, node })
+        let node = self.context.new_node(name, options).map_err(|error| self.failed(&error))?;
+        Ok(Graph { network: self.clone(), node })
     }
 }
 
 /// The network, with a node of ours in it.
 pub struct Graph {
-    settings: Ros2,
-    context: Context,
+    network: Domain,
     node: Node,
 }
 
@@ -151,12 +150,12 @@ impl Graph {
 
     /// The DDS domain.
     pub fn domain(&self) -> u16 {
-        self.context.domain_id()
+        self.network.context.domain_id()
     }
 
     /// Everything that others publish.
     pub fn published(&self) -> Vec<End> {
-        let writers = self.context.domain_participant().discovered_writers();
+        let writers = self.network.context.domain_participant().discovered_writers();
         let end = |writer: &ros2_client::dds::rustdds::discovery::DiscoveredWriterData| {
             let data = &writer.publication_topic_data;
             end(&data.topic_name, &data.type_name, data.reliability.map(|of| is_best_effort(&of)))
@@ -166,19 +165,19 @@ impl Graph {
 
     /// Everything that others listen to.
     pub fn listened_to(&self) -> Vec<End> {
-        let readers = self.context.domain_participant().discovered_readers();
+        let readers = self.network.context.domain_participant().discovered_readers();
         sorted(readers.iter().filter_map(|reader| {
             let data = &reader.subscription_topic_data;
             end(data.topic_name(), data.type_name(), None)
         }))
     }
 
-    /// As which of some types a topic is published, if somebody does already.
+    /// As which of the [types](kinds) of a key a topic is published, if somebody does already.
     ///
     /// # Errors
     /// [`LinkError::Type`]: the network hands on messages whatever their type is, and those of another one would be misread.
-    pub fn kind_of(&self, key: &'static str, topic: &str, kinds: &[&str]) -> Result<Option<String>, LinkError> {
-        let published = self.published();
+    pub fn kind_of(&self, key: &'static str, topic: &str) -> Result<Option<String>, LinkError> {
+        let (published, kinds) = (self.published(), kinds(key));
         let mut found = published.iter().filter(|end| end.topic == topic).map(|end| &end.kind);
         match found.clone().find(|kind| !kinds.contains(&kind.as_str())) {
             Some(other) => {
@@ -189,49 +188,39 @@ impl Graph {
         }
     }
 
-    /// Wait until somebody publishes a topic as one of some types: which.
+    /// Wait until somebody publishes a topic as one of the types of its key: which.
     ///
     /// # Errors
     /// [`LinkError::Silent`], [`LinkError::Type`].
-    pub fn wait_for(
-        &self,
-        key: &'static str,
-        topic: &str,
-        kinds: &[&str],
-        until: std::time::Instant,
-    ) -> Result<String, LinkError> {
+    pub fn wait_for(&self, key: &'static str, topic: &str, until: Instant) -> Result<String, LinkError> {
         loop {
-            if let Some(kind) = self.kind_of(key, topic, kinds)? {
+            if let Some(kind) = self.kind_of(key, topic)? {
                 return Ok(kind);
             }
-            let published = self.published();
-            if std::time::Instant::now() >= until {
-                let (domain, waited) = (self.domain(), self.settings.wait_seconds);
-                return Err(LinkError::Silent {
-                    key,
-                    topic: topic.to_owned(),
-                    domain,
-                    waited,
-                    seen: texts(&published),
-                });
+            if Instant::now() >= until {
+                let (domain, waited, seen) =
+                    (self.domain(), self.network.settings.wait_seconds, texts(&self.published()));
+                return Err(LinkError::Silent { key, topic: topic.to_owned(), domain, waited, seen });
             }
             std::thread::sleep(LOOK_INTERVAL);
         }
     }
 
-    /// Listen to a topic.
+    /// Listen to a topic: do something with each message; those that cannot be decoded are counted as `broken`.
     ///
     /// # Errors
     /// [`LinkError::Network`].
-    pub fn subscribe<M: 'static>(
+    pub fn hear<M: log::Message + Send + 'static>(
         &mut self,
         topic: &str,
-        kind: &str,
         qos: QosProfile,
-    ) -> Result<Subscription<M>, LinkError> {
-        let (name, kind) = (self.name_of(topic)?, message_type(kind));
+        take: impl FnMut(M) + Send + 'static,
+        broken: impl FnMut(String) + Send + 'static,
+    ) -> Result<Ear, LinkError> {
+        let (name, kind) = (self.name_of(topic)?, message_type(M::TYPE));
         let handle = self.node.create_topic(&name, kind, &qos).map_err(|error| self.failed(&error))?;
-        self.node.create_subscription(&handle, Some(qos)).map_err(|error| self.failed(&error))
+        let subscription = self.node.create_subscription(&handle, Some(qos)).map_err(|error| self.failed(&error))?;
+        Ok(ear(subscription, take, broken))
     }
 
     /// Serve an action; a topic's namespace and name are its.
@@ -274,8 +263,9 @@ impl Graph {
         Name::parse(name).map_err(|error| self.failed(&format!("{name:?} is no name: {error:?}")))
     }
 
-    fn failed(&self, cause: &dyn std::fmt::Display) -> LinkError {
-        LinkError::Network { domain: self.domain(), cause: cause.to_string() }
+    /// Why something failed that has to do with it.
+    pub fn failed(&self, cause: &dyn std::fmt::Display) -> LinkError {
+        self.network.failed(cause)
     }
 
     /// Publish on a topic, reliably, the newest message alone.
@@ -290,6 +280,27 @@ impl Graph {
         let (name, kind) = (self.name_of(topic)?, message_type(kind));
         let handle = self.node.create_topic(&name, kind, &qos).map_err(|error| self.failed(&error))?;
         self.node.create_publisher(&handle, Some(qos)).map_err(|error| self.failed(&error))
+    }
+}
+
+/// Types of messages that a topic may have, by its key in the scenario.
+pub fn kinds(key: &str) -> &'static [&'static str] {
+    match key {
+        "camera" => &[msg::Image::TYPE, foreign::CompressedImage::TYPE],
+        "odometry" => &[msg::Odometry::TYPE],
+        "scan" => &[msg::LaserScan::TYPE],
+        "bumper" | "emergency_stop" | "lock" => &[foreign::Bool::TYPE],
+        "teleop" => &[msg::Twist::TYPE, msg::TwistStamped::TYPE],
+        "battery" => &[foreign::BatteryState::TYPE],
+        "pose" => &[
+            msg::PoseStamped::TYPE,
+            foreign::PoseWithCovarianceStamped::TYPE,
+            msg::Odometry::TYPE,
+            foreign::TfMessage::TYPE,
+        ],
+        "reward" => &[foreign::Bool::TYPE, foreign::Float32::TYPE, foreign::Float64::TYPE],
+        "use_sim_time" => &[foreign::Clock::TYPE],
+        _ => &[],
     }
 }
 

@@ -1,6 +1,6 @@
 //! A robot behind a ROS 2 network.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -8,6 +8,7 @@ use crossbeam_channel::{Receiver, bounded, select, unbounded};
 
 use super::graph::{LOOK_INTERVAL, LinkError};
 use super::listen::leave;
+use super::lock;
 use super::losses::Losses;
 use super::pace::Pace;
 use super::sensors::Shared;
@@ -33,10 +34,6 @@ const HELD_UP: Duration = Duration::from_secs(1);
 
 /// How much longer than the network may take that joining it anew is waited for.
 const PATIENCE: Duration = Duration::from_secs(30);
-
-fn lock<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
-    of.lock().unwrap_or_else(PoisonError::into_inner)
-}
 
 /// A robot behind a ROS 2 network.
 pub struct Link {

@@ -52,23 +52,51 @@ pub fn answers<Q: Message + Clone + Send + 'static, A: Message + Send + 'static>
     })
 }
 
-/// A thread that listens with all of some ears.
-///
-/// # Errors
-/// The system has no thread left.
-pub fn listen(name: &str, ears: Vec<Ear>, over: &Arc<AtomicBool>) -> std::io::Result<JoinHandle<()>> {
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build()?;
-    let over = over.clone();
-    std::thread::Builder::new().name(name.into()).spawn(move || {
-        let local = tokio::task::LocalSet::new();
-        let tasks: Vec<_> = ears.into_iter().map(|ear| local.spawn_local(ear(over.clone()))).collect();
-        runtime.block_on(local.run_until(async {
-            for task in tasks {
-                // A task that panicked is silent from now on, and silence stops the robot.
-                let _ = task.await;
-            }
-        }));
-    })
+/// Threads that are told to end, and waited for, when this is dropped.
+#[derive(Default)]
+pub struct Threads {
+    over: Arc<AtomicBool>,
+    handles: Vec<JoinHandle<()>>,
+}
+
+impl Threads {
+    /// One more, which has the flag that tells it to end.
+    ///
+    /// # Errors
+    /// The system has no thread left.
+    pub fn spawn(&mut self, name: &str, run: impl FnOnce(Arc<AtomicBool>) + Send + 'static) -> std::io::Result<()> {
+        let over = self.over.clone();
+        self.handles.push(std::thread::Builder::new().name(name.into()).spawn(move || run(over))?);
+        Ok(())
+    }
+
+    /// One more, which listens with all of some ears.
+    ///
+    /// # Errors
+    /// The system has no thread left.
+    pub fn listen(&mut self, name: &str, ears: Vec<Ear>) -> std::io::Result<()> {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build()?;
+        self.spawn(name, move |over| {
+            let local = tokio::task::LocalSet::new();
+            let tasks: Vec<_> = ears.into_iter().map(|ear| local.spawn_local(ear(over.clone()))).collect();
+            runtime.block_on(local.run_until(async {
+                for task in tasks {
+                    // A task that panicked is silent from now on, and silence stops the robot.
+                    let _ = task.await;
+                }
+            }));
+        })
+    }
+}
+
+impl Drop for Threads {
+    fn drop(&mut self) {
+        self.over.store(true, Ordering::Relaxed);
+        for thread in self.handles.drain(..) {
+            // One that panicked was silent.
+            let _ = thread.join();
+        }
+    }
 }
 
 /// Drop our ends of a network that is dead, on a thread that nobody waits for: RustDDS may take a while, or wait for itself.

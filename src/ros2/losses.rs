@@ -1,7 +1,9 @@
 //! What was lost on the way to the loop of control.
 
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
+
+use super::lock;
 
 /// Messages that came and were not taken in time, or could not be used, by topic.
 #[derive(Debug, Clone, Default)]
@@ -10,11 +12,11 @@ pub struct Losses(Arc<Mutex<BTreeMap<String, u64>>>);
 impl Losses {
     /// One more of a topic.
     pub fn add(&self, topic: &str) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner).entry(topic.to_owned()).or_insert(0) += 1;
+        *lock(&self.0).entry(topic.to_owned()).or_insert(0) += 1;
     }
 
     /// How many of which topics so far.
     pub fn now(&self) -> BTreeMap<String, u64> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        lock(&self.0).clone()
     }
 }

@@ -1,7 +1,9 @@
 //! How fast a robot's time goes, by our steady clock.
 
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::Mutex;
 use std::time::{Duration, Instant};
+
+use super::lock;
 
 /// A simulator's clock is compared with ours over so much of our time.
 const COMPARED: Duration = Duration::from_millis(250);
@@ -36,7 +38,7 @@ impl Pace {
     }
 
     fn hear_at(&self, simulated_ns: u64, now: Instant) {
-        let state = &mut self.lock();
+        let state = &mut lock(&self.0);
         let Some((before_ns, before)) = state.heard else {
             state.heard = Some((simulated_ns, now));
             return;
@@ -56,26 +58,22 @@ impl Pace {
 
     /// Whether a simulator's pace is known.
     pub fn is_known(&self) -> bool {
-        self.lock().known
+        lock(&self.0).known
     }
 
     /// Time since the beginning, as the robot's goes.
     pub fn now(&self) -> Duration {
-        self.lock().time(Instant::now())
+        lock(&self.0).time(Instant::now())
     }
 
     /// How much of that passes in a moment of ours.
     pub fn of(&self, real: Duration) -> Duration {
-        real.mul_f64(self.lock().pace)
+        real.mul_f64(lock(&self.0).pace)
     }
 
     /// Our time until so much of that has passed.
     pub fn real(&self, time: Duration) -> Duration {
-        time.div_f64(self.lock().pace)
-    }
-
-    fn lock(&self) -> MutexGuard<'_, State> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        time.div_f64(lock(&self.0).pace)
     }
 }
 
@@ -92,20 +90,20 @@ mod tests {
     #[test]
     fn the_pace_of_a_simulator_is_followed_and_its_jumps_are_not() {
         let pace = Pace::new();
-        let begin = pace.lock().at.1;
+        let begin = lock(&pace.0).at.1;
         let at = |ms: u64| begin + Duration::from_millis(ms);
         // 8 times real time, then half of it; then it is set back by an hour, and stands still.
         for step in 0..=100 {
             pace.hear_at(3_600_000_000_000 + 80_000_000 * step, at(10 * step));
         }
         assert!(pace.is_known());
-        assert_eq!(pace.lock().pace, 8.0);
-        let time = |ms: u64| pace.lock().time(at(ms));
+        assert_eq!(lock(&pace.0).pace, 8.0);
+        let time = |ms: u64| lock(&pace.0).time(at(ms));
         let begun = time(1000);
         for step in 0..=100 {
             pace.hear_at(3_608_000_000_000 + 5_000_000 * step, at(1000 + 10 * step));
         }
-        assert_eq!(pace.lock().pace, 0.5);
+        assert_eq!(lock(&pace.0).pace, 0.5);
         let from = time(2000);
         let passed = from - begun;
         // What was compared last began at the old pace.
@@ -113,7 +111,7 @@ mod tests {
         for step in 0..=200 {
             pace.hear_at(8_500_000_000 + if step < 100 { 5_000_000 * step } else { 500_000_000 }, at(2000 + 10 * step));
         }
-        assert_eq!(pace.lock().pace, 0.5);
+        assert_eq!(lock(&pace.0).pace, 0.5);
         let passed = time(4000) - from;
         assert_eq!(passed, Duration::from_secs(1));
     }

@@ -1,6 +1,8 @@
 //! What the network asks of a run, and how far that is.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
+
+use super::lock;
 
 /// What the network asks of a run.
 #[derive(Debug, Clone, PartialEq)]
@@ -40,15 +42,11 @@ pub struct Errand(Arc<Mutex<Progress>>);
 impl Errand {
     /// How far it is.
     pub fn now(&self) -> Progress {
-        self.lock().clone()
+        lock(&self.0).clone()
     }
 
     /// It is so far now.
     pub fn set(&self, progress: Progress) {
-        *self.lock() = progress;
-    }
-
-    fn lock(&self) -> MutexGuard<'_, Progress> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        *lock(&self.0) = progress;
     }
 }

@@ -121,12 +121,12 @@ pub struct Marker {
     pub points: Vec<Point>,
     /// Their colours.
     pub colors: Vec<Colour>,
-    /// None.
-    pub texture: Texture,
+    /// None: its file, header, format, data and coordinates.
+    pub texture: (String, Header, String, Vec<u8>, Vec<[f32; 2]>),
     /// What is written.
     pub text: String,
-    /// None.
-    pub mesh: Mesh,
+    /// None: its resource, name and data, and whether it has materials of its own.
+    pub mesh: (String, String, Vec<u8>, bool),
 }
 
 impl Marker {
@@ -151,25 +151,6 @@ pub struct Colour {
     pub b: f32,
     /// 1: opaque.
     pub a: f32,
-}
-
-/// The fields of a marker with a texture: none here.
-#[derive(Debug, Clone, Default, Serialize)]
-pub struct Texture {
-    resource: String,
-    header: Header,
-    format: String,
-    data: Vec<u8>,
-    coordinates: Vec<[f32; 2]>,
-}
-
-/// The fields of a marker with a mesh: none here.
-#[derive(Debug, Clone, Default, Serialize)]
-pub struct Mesh {
-    resource: String,
-    file_name: String,
-    data: Vec<u8>,
-    use_embedded_materials: bool,
 }
 
 /// `rosbag2_interfaces/msg/MessagesLostEvent`: messages that were lost since the one before.

@@ -1,24 +1,25 @@
 //! What comes in from a robot's topics.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 use crossbeam_channel::{Receiver, Sender, TrySendError};
-use nalgebra::Point2;
 
 use super::frames::Frames;
 use super::graph::{Graph, LinkError, reliable_qos, sensor_qos};
-use super::listen::{Ear, ear};
+use super::listen::Ear;
+use super::lock;
 use super::losses::Losses;
 use super::pace::Pace;
 use super::voice::Mind;
 use crate::log::Message;
 use crate::log::messages::{self as msg, foreign};
-use crate::robot::{Pose, Velocity};
+use crate::log::topics::MARK;
+use crate::robot::Velocity;
 use crate::scenario::Scenario;
 use crate::source::imported::picture;
 use crate::source::live::{Reading, Received, Scan};
-use crate::source::parse_mark;
+use crate::source::{parse_mark, planar};
 use crate::vision::Image;
 
 /// A simulator's time.
@@ -30,11 +31,11 @@ pub struct RobotTime(Mutex<Option<(u64, Instant)>>);
 
 impl RobotTime {
     fn hear(&self, stamp_ns: u64) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some((stamp_ns, Instant::now()));
+        *lock(&self.0) = Some((stamp_ns, Instant::now()));
     }
 
     pub fn now(&self, pace: &Pace) -> u64 {
-        match *self.0.lock().unwrap_or_else(PoisonError::into_inner) {
+        match *lock(&self.0) {
             Some((stamp_ns, at)) => stamp_ns + pace.of(at.elapsed()).as_nanos() as u64,
             None => system_ns(),
         }
@@ -89,8 +90,7 @@ impl Shared {
     fn refuse(&self, topic: &str, reason: String) {
         self.losses.add(topic);
         let text = format!("{topic}: {reason}");
-        let mut refused = self.refused.lock().unwrap_or_else(PoisonError::into_inner);
-        if refused.replace(text.clone()).as_ref() != Some(&text) {
+        if lock(&self.refused).replace(text.clone()).as_ref() != Some(&text) {
             self.put(0, Reading::Note(text));
         }
     }
@@ -103,11 +103,10 @@ impl Shared {
 
 /// Listens to a simulator's time.
 pub fn clock(graph: &mut Graph, shared: &Shared, until: Instant) -> Result<Ear, LinkError> {
-    graph.wait_for("use_sim_time", CLOCK, &[foreign::Clock::TYPE], until)?;
-    let subscription = graph.subscribe::<foreign::Clock>(CLOCK, foreign::Clock::TYPE, sensor_qos())?;
+    graph.wait_for("use_sim_time", CLOCK, until)?;
     let pace = shared.pace.clone();
     let take = move |said: foreign::Clock| pace.hear(said.clock.stamp_ns());
-    Ok(ear(subscription, take, shared.count_broken(CLOCK)))
+    graph.hear(CLOCK, sensor_qos(), take, shared.count_broken(CLOCK))
 }
 
 /// Listens to the camera: images are decoded and cut on its thread.
@@ -134,31 +133,27 @@ pub fn eye(
     };
     let (of, from) = (shared.clone(), topic.to_owned());
     let broken = move |error: String| of.refuse(&from, error);
-    Ok(match kind == msg::Image::TYPE {
-        true => {
-            let subscription = graph.subscribe::<msg::Image>(topic, kind, sensor_qos())?;
-            ear(subscription, move |image| put(&image.header, picture::raw(&image)), broken)
-        }
-        false => {
-            let subscription = graph.subscribe::<foreign::CompressedImage>(topic, kind, sensor_qos())?;
-            ear(subscription, move |image| put(&image.header, picture::compressed(&image)), broken)
-        }
-    })
+    if kind == msg::Image::TYPE {
+        let take = move |image: msg::Image| put(&image.header, picture::raw(&image));
+        graph.hear(topic, sensor_qos(), take, broken)
+    } else {
+        let take = move |image: foreign::CompressedImage| put(&image.header, picture::compressed(&image));
+        graph.hear(topic, sensor_qos(), take, broken)
+    }
 }
 
 pub fn odometry(graph: &mut Graph, topic: &str, shared: &Shared, until: Instant) -> Result<Ear, LinkError> {
-    let kind = graph.wait_for("odometry", topic, &[msg::Odometry::TYPE], until)?;
-    let (subscription, of) = (graph.subscribe::<msg::Odometry>(topic, &kind, sensor_qos())?, shared.clone());
+    graph.wait_for("odometry", topic, until)?;
+    let of = shared.clone();
     let take = move |odometry: msg::Odometry| {
         let stamp_ns = odometry.header.stamp_ns();
         if stamp_ns > 0 {
             of.time.hear(stamp_ns);
         }
-        let twist = &odometry.twist.twist;
-        let velocity = Velocity { linear: twist.linear.x, angular: twist.angular.z };
-        of.put(stamp_ns, Reading::Odometry { pose: planar(&odometry.pose.pose), velocity });
+        let (pose, velocity) = (planar(&odometry.pose.pose), velocity(&odometry.twist.twist));
+        of.put(stamp_ns, Reading::Odometry { pose, velocity });
     };
-    Ok(ear(subscription, take, shared.count_broken(topic)))
+    graph.hear(topic, sensor_qos(), take, shared.count_broken(topic))
 }
 
 /// Listens to everything else that the scenario names; `stamped`: the base takes velocities with stamps.
@@ -173,10 +168,10 @@ pub fn switches(
     let mut ears = Vec::new();
     if !settings.scan.is_empty() {
         let topic = settings.topic(&settings.scan);
-        let kind = graph.wait_for("scan", &topic, &[msg::LaserScan::TYPE], until)?;
-        let (subscription, of) = (graph.subscribe::<msg::LaserScan>(&topic, &kind, sensor_qos())?, shared.clone());
+        graph.wait_for("scan", &topic, until)?;
+        let of = shared.clone();
         let take = move |scan: msg::LaserScan| of.put(scan.header.stamp_ns(), Reading::Scan(Arc::new(Scan::of(&scan))));
-        ears.push(ear(subscription, take, shared.count_broken(&topic)));
+        ears.push(graph.hear(&topic, sensor_qos(), take, shared.count_broken(&topic))?);
     }
     let bools = [
         ("bumper", &settings.bumper, Reading::Bumper as fn(bool) -> Reading),
@@ -184,56 +179,41 @@ pub fn switches(
         ("lock", &settings.lock, Reading::Lock),
     ];
     for (key, topic, reading) in bools.into_iter().filter(|(_, topic, _)| !topic.is_empty()) {
-        let topic = settings.topic(topic);
-        graph.kind_of(key, &topic, &[foreign::Bool::TYPE])?;
+        let (topic, of) = (settings.topic(topic), shared.clone());
+        graph.kind_of(key, &topic)?;
         // One that is not there yet is silent, and that stops the robot.
-        let subscription = graph.subscribe::<foreign::Bool>(&topic, foreign::Bool::TYPE, reliable_qos())?;
-        let of = shared.clone();
-        ears.push(ear(
-            subscription,
-            move |said: foreign::Bool| of.put(0, reading(said.data)),
-            shared.count_broken(&topic),
-        ));
+        let take = move |said: foreign::Bool| of.put(0, reading(said.data));
+        ears.push(graph.hear(&topic, reliable_qos(), take, shared.count_broken(&topic))?);
     }
     if !settings.teleop.is_empty() {
         let topic = settings.topic(&settings.teleop);
-        let said = |twist: &msg::Twist| Velocity { linear: twist.linear.x, angular: twist.angular.z };
         let (of, broken) = (shared.clone(), shared.count_broken(&topic));
         // A person may come later: then it is of the type that the base takes.
-        let kinds = [foreign::TWIST, msg::TwistStamped::TYPE];
-        let kind = graph.kind_of("teleop", &topic, &kinds)?.unwrap_or_else(|| kinds[usize::from(stamped)].to_owned());
-        ears.push(if kind == foreign::TWIST {
-            let subscription = graph.subscribe::<msg::Twist>(&topic, &kind, reliable_qos())?;
-            ear(subscription, move |twist| of.put(0, Reading::Teleop(said(&twist))), broken)
+        let of_base = if stamped { msg::TwistStamped::TYPE } else { msg::Twist::TYPE };
+        let kind = graph.kind_of("teleop", &topic)?.unwrap_or_else(|| of_base.to_owned());
+        ears.push(if kind == msg::Twist::TYPE {
+            let take = move |twist: msg::Twist| of.put(0, Reading::Teleop(velocity(&twist)));
+            graph.hear(&topic, reliable_qos(), take, broken)
         } else {
-            let subscription = graph.subscribe::<msg::TwistStamped>(&topic, &kind, reliable_qos())?;
-            ear(
-                subscription,
-                move |of_stamp: msg::TwistStamped| of.put(0, Reading::Teleop(said(&of_stamp.twist))),
-                broken,
-            )
-        });
+            let take = move |said: msg::TwistStamped| of.put(0, Reading::Teleop(velocity(&said.twist)));
+            graph.hear(&topic, reliable_qos(), take, broken)
+        }?);
     }
     if !settings.battery.is_empty() {
-        let topic = settings.topic(&settings.battery);
-        graph.kind_of("battery", &topic, &[foreign::BatteryState::TYPE])?;
-        let subscription =
-            graph.subscribe::<foreign::BatteryState>(&topic, foreign::BatteryState::TYPE, sensor_qos())?;
-        let of = shared.clone();
+        let (topic, of) = (settings.topic(&settings.battery), shared.clone());
+        graph.kind_of("battery", &topic)?;
         let take = move |battery: foreign::BatteryState| of.put(0, Reading::Battery(f64::from(battery.percentage)));
-        ears.push(ear(subscription, take, shared.count_broken(&topic)));
+        ears.push(graph.hear(&topic, sensor_qos(), take, shared.count_broken(&topic))?);
     }
     if !settings.pose.is_empty() {
         ears.push(true_pose(graph, &settings.topic(&settings.pose), shared, until)?);
     }
-    let (of, names) = (shared.clone(), scenario.clone());
-    let subscription =
-        graph.subscribe::<msg::Text>(crate::log::topics::MARK.name(), msg::Text::TYPE, reliable_qos())?;
+    let (of, names, mark) = (shared.clone(), scenario.clone(), MARK.name());
     let take = move |said: msg::Text| match parse_mark(&said.data, &names) {
         Ok(mark) => of.put(0, Reading::Mark(mark)),
-        Err(reason) => of.refuse(crate::log::topics::MARK.name(), reason),
+        Err(reason) => of.refuse(MARK.name(), reason),
     };
-    ears.push(ear(subscription, take, shared.count_broken(crate::log::topics::MARK.name())));
+    ears.push(graph.hear(mark, reliable_qos(), take, shared.count_broken(mark))?);
     for (task, topic) in scenario.tasks.iter().enumerate().filter_map(|(task, of)| Some((task, of.topic.clone()?))) {
         ears.push(reward(graph, task, &settings.topic(&topic), shared, until)?);
     }
@@ -241,58 +221,52 @@ pub fn switches(
 }
 
 fn true_pose(graph: &mut Graph, topic: &str, shared: &Shared, until: Instant) -> Result<Ear, LinkError> {
-    let kinds = [
-        msg::PoseStamped::TYPE,
-        foreign::PoseWithCovarianceStamped::TYPE,
-        msg::Odometry::TYPE,
-        foreign::TfMessage::TYPE,
-    ];
-    let kind = graph.wait_for("pose", topic, &kinds, until)?;
+    let kind = graph.wait_for("pose", topic, until)?;
     let of = shared.clone();
     let put = move |header: &msg::Header, pose: &msg::Pose| of.put(header.stamp_ns(), Reading::Pose(planar(pose)));
     let broken = shared.count_broken(topic);
-    Ok(if kind == msg::PoseStamped::TYPE {
-        let subscription = graph.subscribe::<msg::PoseStamped>(topic, &kind, sensor_qos())?;
-        ear(subscription, move |of| put(&of.header, &of.pose), broken)
-    } else if kind == msg::Odometry::TYPE {
-        let subscription = graph.subscribe::<msg::Odometry>(topic, &kind, sensor_qos())?;
-        ear(subscription, move |of| put(&of.header, &of.pose.pose), broken)
-    } else if kind == foreign::TfMessage::TYPE {
-        // Transforms are published reliably, and those of a slow localisation seldom.
-        let subscription = graph.subscribe::<foreign::TfMessage>(topic, &kind, reliable_qos())?;
-        let (mut frames, of) = (Frames::default(), shared.clone());
-        let take = move |message: foreign::TfMessage| {
-            for transform in &message.transforms {
-                if let Some((stamp_ns, pose)) = frames.hear(transform) {
-                    of.put(stamp_ns, Reading::Pose(pose));
+    match kind.as_str() {
+        msg::PoseStamped::TYPE => {
+            graph.hear(topic, sensor_qos(), move |of: msg::PoseStamped| put(&of.header, &of.pose), broken)
+        }
+        msg::Odometry::TYPE => {
+            graph.hear(topic, sensor_qos(), move |of: msg::Odometry| put(&of.header, &of.pose.pose), broken)
+        }
+        foreign::TfMessage::TYPE => {
+            let (mut frames, of) = (Frames::default(), shared.clone());
+            let take = move |message: foreign::TfMessage| {
+                for transform in &message.transforms {
+                    if let Some((stamp_ns, pose)) = frames.hear(transform) {
+                        of.put(stamp_ns, Reading::Pose(pose));
+                    }
                 }
-            }
-        };
-        ear(subscription, take, broken)
-    } else {
-        let subscription = graph.subscribe::<foreign::PoseWithCovarianceStamped>(topic, &kind, sensor_qos())?;
-        ear(subscription, move |of| put(&of.header, &of.pose.pose), broken)
-    })
+            };
+            // Transforms are published reliably, and those of a slow localisation seldom.
+            graph.hear(topic, reliable_qos(), take, broken)
+        }
+        _ => {
+            let take = move |of: foreign::PoseWithCovarianceStamped| put(&of.header, &of.pose.pose);
+            graph.hear(topic, sensor_qos(), take, broken)
+        }
+    }
 }
 
 fn reward(graph: &mut Graph, task: usize, topic: &str, shared: &Shared, until: Instant) -> Result<Ear, LinkError> {
-    let kinds = [foreign::Bool::TYPE, foreign::Float32::TYPE, foreign::Float64::TYPE];
-    let kind = graph.wait_for("reward", topic, &kinds, until)?;
+    let kind = graph.wait_for("reward", topic, until)?;
     let of = shared.clone();
     let put = move |reward: f64| of.put(0, Reading::Reward { task, reward });
-    let broken = shared.count_broken(topic);
-    Ok(if kind == foreign::Bool::TYPE {
-        let subscription = graph.subscribe::<foreign::Bool>(topic, &kind, reliable_qos())?;
-        ear(subscription, move |said| put(f64::from(u8::from(said.data))), broken)
-    } else if kind == foreign::Float32::TYPE {
-        let subscription = graph.subscribe::<foreign::Float32>(topic, &kind, reliable_qos())?;
-        ear(subscription, move |said| put(f64::from(said.data)), broken)
-    } else {
-        let subscription = graph.subscribe::<foreign::Float64>(topic, &kind, reliable_qos())?;
-        ear(subscription, move |said| put(said.data), broken)
-    })
+    let (qos, broken) = (reliable_qos(), shared.count_broken(topic));
+    match kind.as_str() {
+        foreign::Bool::TYPE => {
+            graph.hear(topic, qos, move |said: foreign::Bool| put(f64::from(u8::from(said.data))), broken)
+        }
+        foreign::Float32::TYPE => {
+            graph.hear(topic, qos, move |said: foreign::Float32| put(f64::from(said.data)), broken)
+        }
+        _ => graph.hear(topic, qos, move |said: foreign::Float64| put(said.data), broken),
+    }
 }
 
-fn planar(pose: &msg::Pose) -> Pose {
-    Pose::new(Point2::new(pose.position.x, pose.position.y), pose.heading())
+fn velocity(twist: &msg::Twist) -> Velocity {
+    Velocity { linear: twist.linear.x, angular: twist.angular.z }
 }

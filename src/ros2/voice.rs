@@ -1,17 +1,15 @@
 //! What a run says to the network beside velocities, and what the network asks of it.
 
 use std::collections::BTreeMap;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
-use std::thread::JoinHandle;
+use std::sync::{Arc, Mutex};
 
 use crossbeam_channel::{Receiver, Sender, unbounded};
 use ros2_client::{Message as Call, Publisher, ServiceTypeName};
-use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::graph::{Domain, Graph, LinkError, reliable_qos};
-use super::listen::{Ear, answers, ear, leave, listen};
+use super::listen::{Ear, Threads, answers, leave};
+use super::lock;
 use super::losses::Losses;
 use super::navigate::navigate;
 use super::request::{Errand, Progress, Request};
@@ -59,14 +57,14 @@ pub type NewEnds = Arc<Mutex<Option<Ends>>>;
 
 /// Our ends of the topics, as long as the network carries them.
 pub struct Ends {
+    /// They listen, and end before anything else of it.
+    _threads: Threads,
     graph: Graph,
     observation: Publisher<msg::Image>,
     diagnostics: Publisher<DiagnosticArray>,
     markers: Publisher<MarkerArray>,
     values: BTreeMap<String, Publisher<OccupancyGrid>>,
     lost: Publisher<MessagesLostEvent>,
-    over: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
 }
 
 impl Ends {
@@ -84,9 +82,10 @@ impl Ends {
             let topic = settings.topic(&format!("adagio/value/{}", task.name));
             values.insert(task.name.clone(), graph.publish(&topic, OccupancyGrid::TYPE)?);
         }
-        let over = Arc::new(AtomicBool::new(false));
-        let thread = Some(listen("requests", ears, &over).map_err(|cause| domain.failed(&cause))?);
+        let mut threads = Threads::default();
+        threads.listen("requests", ears).map_err(|cause| domain.failed(&cause))?;
         Ok(Ends {
+            _threads: threads,
             observation: graph.publish(&settings.topic("adagio/observation"), msg::Image::TYPE)?,
             // Where ROS's tools look for them.
             diagnostics: graph.publish("/diagnostics", DiagnosticArray::TYPE)?,
@@ -94,8 +93,6 @@ impl Ends {
             lost: graph.publish(&settings.topic("events/rosbag2_messages_lost"), MessagesLostEvent::TYPE)?,
             graph,
             values,
-            over,
-            thread,
         })
     }
 }
@@ -116,7 +113,7 @@ impl Voice {
 
     /// Where the network was joined anew, go on there.
     pub fn follow(&mut self) {
-        let new = self.new_ends.lock().unwrap_or_else(PoisonError::into_inner).take();
+        let new = lock(&self.new_ends).take();
         if let Some(new) = new {
             leave(std::mem::replace(&mut self.ends, new));
         }
@@ -146,18 +143,10 @@ impl Voice {
     pub fn observation(&self, width: usize, height: usize, rgb: &[u8]) {
         let (height, width, step) = (height as u32, width as u32, 3 * width as u32);
         let header = msg::Header::new((self.now)(), "camera");
-        let encoding = "rgb8".to_owned();
-        let data = rgb.to_vec();
+        let (encoding, data) = ("rgb8".to_owned(), rgb.to_vec());
         // What nobody listens to, or takes in time, comes again.
-        drop(self.ends.observation.publish(msg::Image {
-            header,
-            height,
-            width,
-            encoding,
-            is_bigendian: 0,
-            step,
-            data,
-        }));
+        let image = msg::Image { header, height, width, encoding, step, data, ..msg::Image::default() };
+        drop(self.ends.observation.publish(image));
     }
 
     /// How parts of the run are doing: their names follow that of our node.
@@ -206,8 +195,7 @@ impl Voice {
     pub fn values(&self, task: &str, low: [f64; 2], cell: f64, width: usize, data: Vec<i8>) {
         let Some(publisher) = self.ends.values.get(task) else { return };
         let header = msg::Header::new((self.now)(), MAP);
-        let mut origin = msg::Pose::default();
-        (origin.position.x, origin.position.y, origin.orientation.w) = (low[0], low[1], 1.0);
+        let origin = msg::Pose::planar(low[0], low[1], 0.0);
         let (map_load_time, height) = (header.stamp.clone(), (data.len() / width.max(1)) as u32);
         let info = MapMetaData { map_load_time, resolution: cell as f32, width: width as u32, height, origin };
         drop(publisher.publish(OccupancyGrid { header, info, data }));
@@ -216,15 +204,6 @@ impl Voice {
     /// Messages that were lost, by topic.
     pub fn lost(&self) -> BTreeMap<String, u64> {
         self.losses.now()
-    }
-}
-
-impl Drop for Ends {
-    fn drop(&mut self) {
-        self.over.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
     }
 }
 
@@ -241,13 +220,8 @@ fn is_name(task: &str) -> bool {
     task.starts_with(|c: char| c.is_ascii_alphabetic()) && task.chars().all(plain)
 }
 
-/// `std_msgs/msg/Empty`, and a call of `std_srvs/srv/Trigger`: the one byte is what a structure without members has on the wire.
-#[derive(Clone, Serialize, Deserialize)]
-struct Empty {
-    structure_needs_at_least_one_member: u8,
-}
-
-impl Call for Empty {}
+/// A call of `std_srvs/srv/Trigger`.
+impl Call for foreign::Empty {}
 
 /// A call of `std_srvs/srv/SetBool`.
 #[derive(Clone, Serialize, Deserialize)]
@@ -272,41 +246,37 @@ fn ears(
     settings: &Ros2,
     asked: &Sender<Request>,
 ) -> Result<Vec<Ear>, LinkError> {
-    let empty = "std_msgs/msg/Empty";
     let mut ears = vec![
-        hear(graph, settings, "adagio/pause", foreign::Bool::TYPE, asked, |of: foreign::Bool| Request::Pause(of.data))?,
-        hear(graph, settings, "adagio/go_on", empty, asked, |_: Empty| Request::GoOn)?,
-        hear(graph, settings, "adagio/stop", empty, asked, |_: Empty| Request::Stop)?,
-        hear(graph, settings, "adagio/goto", msg::Text::TYPE, asked, |of: msg::Text| Request::Goto(of.data))?,
+        hear(graph, settings, "adagio/pause", asked, |of: foreign::Bool| Request::Pause(of.data))?,
+        hear(graph, settings, "adagio/go_on", asked, |_: foreign::Empty| Request::GoOn)?,
+        hear(graph, settings, "adagio/stop", asked, |_: foreign::Empty| Request::Stop)?,
+        hear(graph, settings, "adagio/goto", asked, |of: msg::Text| Request::Goto(of.data))?,
         serve(graph, settings, "adagio/pause", "SetBool", asked, |of: Switch| Request::Pause(of.data))?,
-        serve(graph, settings, "adagio/go_on", "Trigger", asked, |_: Empty| Request::GoOn)?,
-        serve(graph, settings, "adagio/stop", "Trigger", asked, |_: Empty| Request::Stop)?,
+        serve(graph, settings, "adagio/go_on", "Trigger", asked, |_: foreign::Empty| Request::GoOn)?,
+        serve(graph, settings, "adagio/stop", "Trigger", asked, |_: foreign::Empty| Request::Stop)?,
     ];
     let at = |of: &msg::PoseStamped| [of.pose.position.x, of.pose.position.y];
-    let pose = msg::PoseStamped::TYPE;
-    ears.push(hear(graph, settings, "goal_pose", pose, asked, move |of| Request::GoalPose(at(&of)))?);
+    ears.push(hear(graph, settings, "goal_pose", asked, move |of| Request::GoalPose(at(&of)))?);
     for (task, of) in scenario.tasks.iter().enumerate().filter(|(_, task)| task.needs_pose() && is_name(&task.name)) {
         let topic = format!("adagio/goal/{}", of.name);
-        ears.push(hear(graph, settings, &topic, pose, asked, move |of| Request::MoveGoal(task, at(&of)))?);
+        ears.push(hear(graph, settings, &topic, asked, move |of| Request::MoveGoal(task, at(&of)))?);
     }
     Ok(ears)
 }
 
-fn hear<M: DeserializeOwned + Send + 'static>(
+fn hear<M: Message + Send + 'static>(
     graph: &mut Graph,
     settings: &Ros2,
     topic: &str,
-    kind: &str,
     asked: &Sender<Request>,
     request: impl Fn(M) -> Request + Send + 'static,
 ) -> Result<Ear, LinkError> {
-    let subscription = graph.subscribe::<M>(&settings.topic(topic), kind, reliable_qos())?;
     let asked = asked.clone();
     let take = move |message: M| {
         // Nobody takes it where the run has ended.
         let _ = asked.send(request(message));
     };
-    Ok(ear(subscription, take, |_| {}))
+    graph.hear(&settings.topic(topic), reliable_qos(), take, |_| {})
 }
 
 fn serve<Q: Call + Clone + Send + 'static>(

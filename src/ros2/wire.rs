@@ -1,18 +1,16 @@
 //! Our ends of a robot's topics, as long as the network carries them.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::JoinHandle;
 use std::time::Instant;
 
 use ros2_client::Publisher;
 
 use super::graph::{Domain, Graph, LOOK_INTERVAL, LinkError};
-use super::listen::listen;
+use super::listen::Threads;
 use super::sensors::{Shared, clock, eye, odometry, switches};
 use super::voice::Ends;
 use crate::log::Message;
-use crate::log::messages::{self as msg, foreign};
+use crate::log::messages as msg;
 use crate::robot::Velocity;
 use crate::scenario::{CommandType, Scenario};
 
@@ -54,10 +52,10 @@ pub struct Join {
 
 /// Velocities that go out, and the threads that listen to what comes in.
 pub struct Wire {
+    /// They listen, and end before anything else of it.
+    _threads: Threads,
     /// Velocities.
     pub commands: Commands,
-    over: Arc<AtomicBool>,
-    threads: Vec<JoinHandle<()>>,
     /// Our node leaves the network last.
     graph: Graph,
 }
@@ -72,7 +70,7 @@ impl Wire {
         let domain = Domain::join(&settings)?;
         let mut graph = domain.node("")?;
         let camera = settings.topic(&settings.camera);
-        let kind = graph.wait_for("camera", &camera, &[msg::Image::TYPE, foreign::CompressedImage::TYPE], until)?;
+        let kind = graph.wait_for("camera", &camera, until)?;
         let eye = eye(&mut graph, scenario, &camera, &kind, shared)?;
         let mut ears = vec![odometry(&mut graph, &settings.topic(&settings.odometry), shared, until)?];
         if settings.use_sim_time {
@@ -95,33 +93,20 @@ impl Wire {
         let mut commands = || -> Result<Commands, LinkError> {
             Ok(match stamped {
                 true => Commands::Stamped(graph.publish(&command, msg::TwistStamped::TYPE)?),
-                false => Commands::Twist(graph.publish(&command, foreign::TWIST)?),
+                false => Commands::Twist(graph.publish(&command, msg::Twist::TYPE)?),
             })
         };
         let (commands, of_watchdog) = (commands()?, commands()?);
         let ends = Ends::open(&domain, scenario, &shared.mind)?;
-        let failed = |cause: std::io::Error| domain.failed(&cause);
-        let over = Arc::new(AtomicBool::new(false));
-        let threads =
-            vec![listen("images", vec![eye], &over).map_err(failed)?, listen("sensors", ears, &over).map_err(failed)?];
-        Ok(Join { wire: Wire { commands, over, threads, graph }, of_watchdog, ends, warnings })
+        let mut threads = Threads::default();
+        let listening = threads.listen("images", vec![eye]).and_then(|()| threads.listen("sensors", ears));
+        listening.map_err(|cause| domain.failed(&cause))?;
+        Ok(Join { wire: Wire { _threads: threads, commands, graph }, of_watchdog, ends, warnings })
     }
-}
 
-impl Wire {
     /// The DDS domain.
     pub fn domain(&self) -> u16 {
         self.graph.domain()
-    }
-}
-
-impl Drop for Wire {
-    fn drop(&mut self) {
-        self.over.store(true, Ordering::Relaxed);
-        for thread in self.threads.drain(..) {
-            // One that panicked was silent.
-            let _ = thread.join();
-        }
     }
 }
 
@@ -130,7 +115,7 @@ fn is_stamped(graph: &Graph, wanted: CommandType, topic: &str, waited: f64, unti
     loop {
         let ends = graph.listened_to();
         let heard_as = |kind: &str| ends.iter().any(|end| end.topic == topic && end.kind == kind);
-        let (plain, stamped) = (heard_as(foreign::TWIST), heard_as(msg::TwistStamped::TYPE));
+        let (plain, stamped) = (heard_as(msg::Twist::TYPE), heard_as(msg::TwistStamped::TYPE));
         match (wanted, plain, stamped) {
             (CommandType::Auto, true, true) => return Err(LinkError::BothTypes(topic.to_owned())),
             (CommandType::Twist, ..) | (CommandType::Auto, true, false) => return Ok(false),

@@ -5,9 +5,6 @@ use serde::{Deserialize, Serialize};
 use super::messages;
 use super::standard::{Header, Point, Pose, PoseWithCovariance, Quaternion, Time, Vector3};
 
-/// A velocity without a stamp: [`Twist`](super::Twist) on its own.
-pub const TWIST: &str = "geometry_msgs/msg/Twist";
-
 messages! {
     /// `sensor_msgs/msg/CompressedImage`: an image file.
     sensor_msgs / CompressedImage CompressedImage {
@@ -44,6 +41,8 @@ messages! {
         transforms: Vec<TransformStamped>,
     } in TransformStamped Header Time Transform Vector3 Quaternion;
 
+    /// `std_msgs/msg/Empty`: the one byte is what a structure without members has on the wire.
+    std_msgs / Empty Empty { structure_needs_at_least_one_member: u8, } in;
     /// `std_msgs/msg/Int8`.
     std_msgs / Int8 Int8 { data: i8, } in;
     /// `std_msgs/msg/Int16`.
