@@ -232,7 +232,7 @@ fn finish(
     (evaluate, quiet, begin): (bool, bool, Instant),
 ) -> Result<Report, Ending> {
     let scenario = &setting.scenario;
-    let (frames, largest_residual) = (sums.frames(), sums.residual);
+    let (frames, largest_residual) = (sums.frames, sums.residual);
     let made = model(setting, dictionary, sums).map_err(ending)?;
     made.notes.iter().for_each(|note| eprintln!("warning: {note}"));
     let (transitions, seconds) = (made.transitions, begin.elapsed().as_secs_f64());

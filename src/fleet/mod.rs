@@ -18,6 +18,8 @@ mod client;
 mod learner;
 mod server;
 
+use std::collections::{BTreeMap, BTreeSet};
+
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -87,7 +89,7 @@ const IN_COMMON: [&str; 21] = [
 pub fn in_common(robot: &Scenario, learner: &Scenario) -> Result<(), Unlike> {
     let table = |scenario: &Scenario| scenario.text.parse::<toml::Table>().unwrap_or_default();
     let (ours, theirs) = (table(robot), table(learner));
-    let (mut a, mut b) = (Vec::new(), Vec::new());
+    let (mut a, mut b) = (BTreeMap::new(), BTreeMap::new());
     let of = |table: &toml::Table, key: &str| {
         let (section, rest) = key.split_once('.').map_or((key, None), |(section, rest)| (section, Some(rest)));
         let value = table.get(section)?;
@@ -97,14 +99,9 @@ pub fn in_common(robot: &Scenario, learner: &Scenario) -> Result<(), Unlike> {
         leaves(key, of(&ours, key), &mut a);
         leaves(key, of(&theirs, key), &mut b);
     }
-    let lacking = |of: &[(String, String)], name: &str| {
-        of.iter().find(|(key, _)| key == name).map_or("nothing".to_owned(), |(_, value)| value.clone())
-    };
-    let mut names: Vec<&String> = a.iter().chain(&b).map(|(name, _)| name).collect();
-    names.sort();
-    names.dedup();
+    let names: BTreeSet<&String> = a.keys().chain(b.keys()).collect();
     let unlike = names.into_iter().filter_map(|name| {
-        let (ours, theirs) = (lacking(&a, name), lacking(&b, name));
+        let [ours, theirs] = [&a, &b].map(|of| of.get(name).map_or("nothing", String::as_str));
         (ours != theirs).then(|| format!("  {name} is {ours}, the learner's {theirs}"))
     });
     let unlike: Vec<String> = unlike.collect();
@@ -112,7 +109,7 @@ pub fn in_common(robot: &Scenario, learner: &Scenario) -> Result<(), Unlike> {
 }
 
 /// All values below a key, by their names.
-fn leaves(name: &str, value: Option<toml::Value>, found: &mut Vec<(String, String)>) {
+fn leaves(name: &str, value: Option<toml::Value>, found: &mut BTreeMap<String, String>) {
     match value {
         None => {}
         Some(toml::Value::Table(table)) => {
@@ -122,6 +119,6 @@ fn leaves(name: &str, value: Option<toml::Value>, found: &mut Vec<(String, Strin
             let numbered = array.into_iter().enumerate();
             numbered.for_each(|(number, value)| leaves(&format!("{name}.{number}"), Some(value), found));
         }
-        Some(value) => found.push((name.to_owned(), value.to_string())),
+        Some(value) => drop(found.insert(name.to_owned(), value.to_string())),
     }
 }

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 use std::convert::Infallible;
-use std::net::{SocketAddr, TcpListener};
+use std::net::SocketAddr;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -18,7 +18,7 @@ use super::learner::{Learner, batch_of, update_bytes};
 use super::{LOST, STANDING, Standing, Welcome};
 use crate::agent::{Batch, CheckpointError, LearnError};
 use crate::live::SetWhenDropped;
-use crate::live::serve::{Guard, ServeError, listen, random_token, refused, response};
+use crate::live::serve::{self, Guard, ServeError, listen, random_token, refused, response};
 use crate::scenario::{Mode, Scenario};
 
 /// Most bytes of a batch, and longest time for it.
@@ -111,11 +111,7 @@ impl Hub {
 }
 
 /// An address at which robots find a learner.
-pub struct Server {
-    listener: TcpListener,
-    address: SocketAddr,
-    guard: Guard,
-}
+pub struct Server(serve::Server);
 
 impl Server {
     /// Take an address. Robots need the token that is given, or a random one.
@@ -123,22 +119,17 @@ impl Server {
     /// # Errors
     /// See [`ServeError`].
     pub fn new(address: SocketAddr, token: Option<String>) -> Result<Self, ServeError> {
-        let guard = Guard::new(address.ip(), Some(token.unwrap_or_else(random_token)))?;
-        let failed = |cause| ServeError::Bind { address, cause };
-        let listener = TcpListener::bind(address).map_err(failed)?;
-        listener.set_nonblocking(true).map_err(failed)?;
-        let address = listener.local_addr().map_err(failed)?;
-        Ok(Server { listener, address, guard })
+        serve::Server::new(address, Some(token.unwrap_or_else(random_token))).map(Server)
     }
 
     /// Where robots find it.
     pub fn address(&self) -> SocketAddr {
-        self.address
+        self.0.address
     }
 
     /// What robots must know.
     pub fn token(&self) -> &str {
-        self.guard.token().unwrap_or_default()
+        self.0.guard.token().unwrap_or_default()
     }
 
     /// Learn from robots until all of at least `robots` have left, or it is stopped. What there is is saved at `path` now and then, and
@@ -157,7 +148,7 @@ impl Server {
         let welcome = Welcome { version: env!("CARGO_PKG_VERSION").to_owned(), scenario: scenario.text.clone() };
         let welcome = serde_json::to_vec(&welcome).map(Bytes::from).unwrap_or_default();
         let hub = Arc::new(Hub {
-            guard: self.guard.clone(),
+            guard: self.0.guard.clone(),
             scenario: scenario.clone(),
             welcome,
             state: Mutex::new(State::default()),
@@ -174,8 +165,8 @@ impl Server {
             scope.spawn(|| {
                 let hub = hub.clone();
                 let answer = move |request| answer(request, hub.clone());
-                if let Err(cause) = listen(&self.listener, || over.load(Ordering::Relaxed), answer) {
-                    eprintln!("warning: robots cannot reach {} any more: {cause}", self.address);
+                if let Err(cause) = listen(&self.0.listener, || over.load(Ordering::Relaxed), answer) {
+                    eprintln!("warning: robots cannot reach {} any more: {cause}", self.0.address);
                 }
             });
             let _over = SetWhenDropped(&over);

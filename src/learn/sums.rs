@@ -32,7 +32,7 @@ pub struct Sums {
     /// What was marked, up to a log's last frame.
     pub(super) marks: Vec<Marked>,
     /// Frames that were summed over.
-    pub(super) frames: u64,
+    pub frames: u64,
     /// Their numbers are below this, by two: frames of the next log do not follow the last one.
     pub(super) end: u64,
     /// The largest residual of a frame: how much of one the dictionary lacks.
@@ -60,11 +60,6 @@ impl Sums {
         sums.frames = of.frame;
         sums.persist(&mut of.snapshot, scenario).map_err(|cause| unusable(path, &cause))?;
         Ok(sums)
-    }
-
-    /// Frames that were summed over.
-    pub fn frames(&self) -> u64 {
-        self.frames
     }
 
     fn none(scenario: &Scenario) -> Self {

@@ -163,9 +163,7 @@ impl Follower {
         }
         if self.place.is_dir() && next_file(&self.place, Some(*number))?.is_some() {
             // Nothing is added to a file that another one follows.
-            let tail = reader.source().get_mut();
-            if !tail.is_closed() && !tail.is_sealed() {
-                tail.seal();
+            if reader.source().get_mut().seal() {
                 reader.look_again();
                 return Ok(true);
             }

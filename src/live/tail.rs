@@ -37,14 +37,10 @@ impl Tail {
         Ok(Tail { file: File::open(path)?, at: 0, whole: 0, sealed: false, closed: false, size: 0 })
     }
 
-    /// Nothing will be added to the file any more: a record that stops in its middle is damage.
-    pub fn seal(&mut self) {
-        self.sealed = true;
-    }
-
-    /// Whether that is so.
-    pub fn is_sealed(&self) -> bool {
-        self.sealed
+    /// Nothing will be added to the file any more: a record that stops in its middle is damage. Whether that is news, of a
+    /// file that was not closed.
+    pub fn seal(&mut self) -> bool {
+        !self.closed && !std::mem::replace(&mut self.sealed, true)
     }
 
     /// Whether the file has a footer: it was closed.

@@ -15,7 +15,7 @@ use crate::log::LogError;
 use crate::log::messages::Decision;
 use crate::report::gather::{Downsample, HealthSeen};
 use crate::robot::DriveState;
-use crate::scenario::{Avoid, plan_segments};
+use crate::scenario::{Avoid, Task, plan_segments};
 
 /// Points of the way that are shown: the end of it.
 const WAY: usize = 900;
@@ -299,10 +299,14 @@ impl Watcher {
             Decision::TURN_RIGHT => "right",
             _ => "?",
         };
-        let torn_or = |text: &Option<String>| {
-            let damage = gathered.damage.last().map(|text| format!("the log is damaged: {text}"));
-            text.clone().or(damage)
+        let task = |task: &Task| TaskView {
+            name: task.name.clone(),
+            goal: gathered.goals.get(&task.name).copied().or(task.goal),
+            radius: task.radius,
+            movable: task.needs_pose(),
         };
+        let avoid = |avoid: &Avoid| AvoidView { name: avoid.name.clone(), at: avoid.at, radius: avoid.radius };
+        let damage = gathered.damage.last().map(|text| format!("the log is damaged: {text}"));
         View {
             title: scenario.map_or_else(
                 || "a log of another program".to_owned(),
@@ -325,19 +329,8 @@ impl Watcher {
                 .collect(),
             corners: self.corners(),
             walls: self.walls(),
-            tasks: scenario.map_or_else(Vec::new, |scenario| {
-                let view = |task: &crate::scenario::Task| TaskView {
-                    name: task.name.clone(),
-                    goal: gathered.goals.get(&task.name).copied().or(task.goal),
-                    radius: task.radius,
-                    movable: task.needs_pose(),
-                };
-                scenario.tasks.iter().map(view).collect()
-            }),
-            avoids: scenario.map_or_else(Vec::new, |scenario| {
-                let view = |avoid: &Avoid| AvoidView { name: avoid.name.clone(), at: avoid.at, radius: avoid.radius };
-                scenario.avoids.iter().map(view).collect()
-            }),
+            tasks: scenario.map_or(&[][..], |scenario| &scenario.tasks).iter().map(task).collect(),
+            avoids: scenario.map_or(&[][..], |scenario| &scenario.avoids).iter().map(avoid).collect(),
             shown: scenario.map_or_else(Vec::new, |scenario| {
                 let view = |(number, name): (usize, &str)| ShownView {
                     name: name.to_owned(),
@@ -387,7 +380,7 @@ impl Watcher {
                 slowness: gathered.slowness.iter().map(|&slowness| finely(slowness)).collect(),
             },
             health,
-            missing: torn_or(&self.lookout.missing),
+            missing: self.lookout.missing.clone().or(damage),
             curves: self.curves(),
             maps,
         }

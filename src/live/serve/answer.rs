@@ -24,8 +24,11 @@ const BODY_TIME: Duration = Duration::from_secs(5);
 
 const JSON: &str = "application/json";
 
-/// An answer that is no page.
-type Answer = Result<Bytes, (StatusCode, String)>;
+/// Why a request is refused.
+type Refused = (StatusCode, String);
+
+/// What is answered where there is nothing to say.
+const DONE: Bytes = Bytes::from_static(b"{}");
 
 /// Answer a request. It never fails; the error is what hyper wants to hear.
 pub async fn answer(request: Request<Incoming>, shared: Arc<Shared>) -> Result<Response<Full<Bytes>>, Infallible> {
@@ -68,9 +71,9 @@ pub async fn answer(request: Request<Incoming>, shared: Arc<Shared>) -> Result<R
         }
         "/curves" => Ok(shared.published().curves.clone()),
         "/maps" => Ok(shared.published().maps.clone()),
-        "/goal" => read(body).await.and_then(|body| move_goal(&shared, &body)),
-        "/goto" => read(body).await.and_then(|body| goto(&shared, &body)),
-        "/mark" => read(body).await.and_then(|body| mark(&shared, &body)),
+        "/goal" => read(body).await.and_then(|body| move_goal(&shared, &body)).map(|()| DONE),
+        "/goto" => read(body).await.and_then(|body| goto(&shared, &body)).map(|()| DONE),
+        "/mark" => read(body).await.and_then(|body| mark(&shared, &body)).map(|()| DONE),
         _ => {
             match path {
                 "/pause" => shared.controls.pause(true),
@@ -78,7 +81,7 @@ pub async fn answer(request: Request<Incoming>, shared: Arc<Shared>) -> Result<R
                 "/release" => shared.controls.release(),
                 _ => shared.stop.store(true, Ordering::Relaxed),
             }
-            Ok(Bytes::from_static(b"{}"))
+            Ok(DONE)
         }
     };
     Ok(match answer {
@@ -89,11 +92,20 @@ pub async fn answer(request: Request<Incoming>, shared: Arc<Shared>) -> Result<R
 }
 
 /// The body of a request, if it is not too long and comes soon enough.
-async fn read(body: Incoming) -> Answer {
+async fn read(body: Incoming) -> Result<Bytes, Refused> {
     let body = tokio::time::timeout(BODY_TIME, Limited::new(body, MOST_BODY).collect()).await;
     let body = body.map_err(|_| (StatusCode::REQUEST_TIMEOUT, "the request took too long".to_owned()))?;
     let too_long = |_| (StatusCode::PAYLOAD_TOO_LARGE, format!("a request has at most {MOST_BODY} bytes"));
     Ok(body.map_err(too_long)?.to_bytes())
+}
+
+fn wrong(text: String) -> Refused {
+    (StatusCode::BAD_REQUEST, text)
+}
+
+/// What a body asks for; otherwise the text says what it is not.
+fn wanted<'a, T: Deserialize<'a>>(body: &'a [u8], not: &str) -> Result<T, Refused> {
+    serde_json::from_slice(body).map_err(|error| wrong(format!("{not}: {error}")))
 }
 
 /// Where a goal shall be.
@@ -106,19 +118,16 @@ struct PageRequest {
     y: f64,
 }
 
-fn move_goal(shared: &Shared, body: &[u8]) -> Answer {
-    let wrong = |text: String| (StatusCode::BAD_REQUEST, text);
-    let wanted: PageRequest = serde_json::from_slice(body).map_err(|error| {
-        wrong(format!("this is no place for a goal, {{\"task\": NAME, \"x\": M, \"y\": M}}: {error}"))
-    })?;
+fn move_goal(shared: &Shared, body: &[u8]) -> Result<(), Refused> {
+    let not = "this is no place for a goal, {\"task\": NAME, \"x\": M, \"y\": M}";
+    let wanted: PageRequest = wanted(body, not)?;
     let Some(task) = shared.scenario.tasks.iter().position(|task| task.name == wanted.task) else {
         let names: Vec<&str> = shared.scenario.tasks.iter().map(|task| task.name.as_str()).collect();
         return Err(wrong(format!("there is no task {:?}: there are {}", wanted.task, names.join(", "))));
     };
     let wanted = goal_move(&shared.scenario, &shared.plan, task, [wanted.x, wanted.y]).map_err(wrong)?;
     let busy = |error: crate::agent::TooMany| (StatusCode::SERVICE_UNAVAILABLE, error.to_string());
-    shared.controls.move_goal(wanted).map_err(busy)?;
-    Ok(Bytes::from_static(b"{}"))
+    shared.controls.move_goal(wanted).map_err(busy)
 }
 
 /// Where the robot shall go.
@@ -129,12 +138,10 @@ struct GotoRequest {
     task: String,
 }
 
-fn goto(shared: &Shared, body: &[u8]) -> Answer {
-    let wrong = |text: String| (StatusCode::BAD_REQUEST, text);
-    let wanted: GotoRequest = serde_json::from_slice(body)
-        .map_err(|error| wrong(format!("this is nowhere to go to, {{\"task\": NAME}}: {error}")))?;
+fn goto(shared: &Shared, body: &[u8]) -> Result<(), Refused> {
+    let wanted: GotoRequest = wanted(body, "this is nowhere to go to, {\"task\": NAME}")?;
     shared.controls.send(parse_goto(&wanted.task, &shared.scenario).map_err(wrong)?);
-    Ok(Bytes::from_static(b"{}"))
+    Ok(())
 }
 
 /// What is to be marked.
@@ -155,13 +162,9 @@ enum How {
     Forget,
 }
 
-fn mark(shared: &Shared, body: &[u8]) -> Answer {
-    let wrong = |text: String| (StatusCode::BAD_REQUEST, text);
-    let wanted: MarkRequest = serde_json::from_slice(body).map_err(|error| {
-        wrong(format!(
-            "this is no mark, {{\"task\": NAME, \"how\": \"hold\" | \"release\" | \"turn\" | \"forget\"}}: {error}"
-        ))
-    })?;
+fn mark(shared: &Shared, body: &[u8]) -> Result<(), Refused> {
+    let not = "this is no mark, {\"task\": NAME, \"how\": \"hold\" | \"release\" | \"turn\" | \"forget\"}";
+    let wanted: MarkRequest = wanted(body, not)?;
     let mark = parse_mark(&wanted.task, &shared.scenario).map_err(wrong)?;
     if mark.kind == MarkKind::Forget {
         return Err(wrong("to forget is not part of the name: \"how\" says it".to_owned()));
@@ -174,7 +177,7 @@ fn mark(shared: &Shared, body: &[u8]) -> Answer {
         How::Forget => Marking::Forget,
     };
     shared.controls.mark(mark.task, how);
-    Ok(Bytes::from_static(b"{}"))
+    Ok(())
 }
 
 pub fn refused(status: StatusCode, text: &str) -> Response<Full<Bytes>> {

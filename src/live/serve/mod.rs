@@ -92,9 +92,9 @@ pub enum ServeError {
 /// An address at which a page is going to be.
 #[derive(Debug)]
 pub struct Server {
-    listener: TcpListener,
-    address: SocketAddr,
-    guard: Guard,
+    pub(crate) listener: TcpListener,
+    pub(crate) address: SocketAddr,
+    pub(crate) guard: Guard,
 }
 
 /// The run that a page is of.
@@ -310,22 +310,14 @@ struct Now<'a> {
     /// A pause is wanted, though an action may still be under way.
     pausing: bool,
     /// Moves of goals that the run has not taken yet.
-    moves: Vec<Moved>,
+    moves: Vec<serde_json::Value>,
     /// Name of what is being marked.
     marking: Option<&'a str>,
 }
 
-/// A move of a goal that waits.
-#[derive(Serialize)]
-struct Moved {
-    task: usize,
-    x: f64,
-    y: f64,
-}
-
 fn publish(watcher: &mut Watcher, shared: &Shared, version: u64) {
     let view = watcher.view(Some(&shared.controls));
-    let moved = |GoalMove { task, goal: [x, y] }: GoalMove| Moved { task, x, y };
+    let moved = |GoalMove { task, goal: [x, y] }: GoalMove| serde_json::json!({ "task": task, "x": x, "y": y });
     let epoch = view.maps.as_ref().map_or(0, |maps| maps.epoch);
     let now = Now {
         version,
