@@ -1,12 +1,11 @@
 //! `adagio compare RUN RUN`
 
 use std::fmt::Write as _;
-use std::path::Path;
 
 use serde::Serialize;
 use serde_json::Value;
 
-use super::{CompareArgs, Ending, print, print_json};
+use super::{CompareArgs, Ending, folder, print, print_json};
 use crate::replay::{self, Comparison, Observations, Recording};
 use crate::report::Numbered;
 
@@ -23,18 +22,12 @@ struct Compared<'a> {
 pub fn compare(args: &CompareArgs) -> Result<(), Ending> {
     let (a, b) = (Recording::open(&args.a)?, Recording::open(&args.b)?);
     let comparison = replay::compare(&a, &b)?;
-    let reports = [&args.a, &args.b].map(|run| report(run));
+    let reports = [&args.a, &args.b].map(|run| folder::report(run).unwrap_or_default());
     if args.json {
         let computed_by = reports.each_ref().map(|report| &report["computed_by"]);
         return print_json(&Compared { comparison: &comparison, computed_by });
     }
     print(&text(&comparison, &reports))
-}
-
-/// The report of a run; null if there is none.
-fn report(run: &Path) -> Value {
-    let text = std::fs::read_to_string(run.join("report.json")).ok();
-    text.and_then(|text| serde_json::from_str(&text).ok()).unwrap_or_default()
 }
 
 /// How close two runs' observations are.

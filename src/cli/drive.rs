@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
-use super::robot::{self, Voice};
+use super::robot::{self, Robot, Voice};
 use super::{Ending, print, print_json, progress, report};
 use crate::agent::{
     self, CHECKPOINT_NAME, Controls, CurvePoint, Fleet, Outcome, RecordedEvents, RunOptions, STATE_NAME,
@@ -101,9 +101,25 @@ impl<'a> Drive<'a> {
         }
     }
 
+    /// A run in a folder that was made for it, of a robot.
+    pub fn with_robot(self, robot: Robot) -> Result<Report, String> {
+        let Robot { mut source, switches, is_real, voice } = robot;
+        let origin = Origin { elsewhere: is_real, fleet: self.fleet.is_some(), ..Origin::default() };
+        let keep = self.fleet.is_none();
+        Drive { origin, keep, evaluate: !is_real, switches, voice, ..self }.begin(&mut *source)
+    }
+
+    /// A run in a folder that was made for it: its log begins there.
+    pub fn begin(self, source: &mut (dyn Source + Send)) -> Result<Report, String> {
+        let (run, scenario) = (self.run, self.scenario);
+        write(run, "scenario.toml", scenario.text.as_bytes())?;
+        let (options, rotation) = log_options(scenario);
+        let log = RunLog::create(Folder::new(run), &options, rotation, &metadata(scenario, &self.origin));
+        self.go(source, log.map_err(|error| error.to_string())?)
+    }
+
     /// Run to the end, evaluate what was learned, and write the report. The error is one for people.
     pub fn go(self, source: &mut (dyn Source + Send), log: RunLog) -> Result<Report, String> {
-        let text = |error: &dyn std::fmt::Display| error.to_string();
         let (scenario, world) = (self.scenario, self.world);
         let no_device = world.appearance.prepare();
         if let Some(warning) = &no_device {
@@ -121,7 +137,6 @@ impl<'a> Drive<'a> {
         let dock = scenario.motion.as_ref().and_then(|motion| motion.safety.battery_task.as_ref());
         let dock = dock.and_then(|name| scenario.tasks.iter().position(|task| task.name == *name));
         let controls = Arc::new(Controls::sharing(self.switches.clone(), dock));
-        world.appearance.prepare();
         let rendered_by = || world.appearance.rendered_by();
         let outcome = watched(self.quiet, likely, self.sampler, |status| {
             let options = RunOptions {
@@ -151,7 +166,7 @@ impl<'a> Drive<'a> {
                 Some(server) => server.beside(&stage, run),
             }
         });
-        let outcome: Outcome = outcome.map_err(|e| text(&e))?;
+        let outcome: Outcome = outcome.map_err(|error| error.to_string())?;
         if outcome.actions >= scenario.actions as u64 {
             // It is large, and there is nothing left to go on with. That there was none is no failure.
             let _ = std::fs::remove_file(&state);
@@ -196,7 +211,7 @@ impl<'a> Drive<'a> {
         }
         let made = Report::new(scenario, &outcome, tasks, pose, self.origin, source.imported(), computed_by);
         let report = Report { movables: world.movables(), ..made };
-        let json = serde_json::to_string_pretty(&report).map_err(|e| text(&e))?;
+        let json = serde_json::to_string_pretty(&report).map_err(|error| error.to_string())?;
         write(self.run, "report.json", json.as_bytes())?;
         if !self.report {
             return Ok(report);
@@ -249,13 +264,6 @@ pub fn write(run: &Path, name: &str, bytes: &[u8]) -> Result<(), String> {
     });
     let renamed = written.and_then(|()| std::fs::rename(&aside, &path));
     renamed.map_err(|cause| format!("cannot write {}: {cause}", path.display()))
-}
-
-/// Keep the scenario of a new run in its folder, and begin the run's log.
-pub fn begin(run: &Path, scenario: &Scenario, origin: &Origin) -> Result<RunLog, String> {
-    write(run, "scenario.toml", scenario.text.as_bytes())?;
-    let (options, rotation) = log_options(scenario);
-    RunLog::create(Folder::new(run), &options, rotation, &metadata(scenario, origin)).map_err(|error| error.to_string())
 }
 
 /// How a scenario wants its log written.

@@ -165,14 +165,8 @@ fn list(as_json: bool) -> Result<(), Ending> {
 
 /// The first folder under an experiment's own that is not there yet: 001, 002, …
 fn next(folder: &Path) -> PathBuf {
-    let mut number = 1;
-    loop {
-        let path = folder.join(format!("{number:03}"));
-        if !path.exists() {
-            return path;
-        }
-        number += 1;
-    }
+    let path = |number: u64| folder.join(format!("{number:03}"));
+    (1..).map(path).find(|path| !path.exists()).expect("there are fewer folders than numbers")
 }
 
 /// A number of support vectors.

@@ -9,11 +9,10 @@ use serde::Serialize;
 
 use super::drive::write;
 use super::learn::{SCENARIO, conclude};
-use super::run::load;
+use super::run::{load, not_served};
 use super::{Ending, FleetArgs, folder, print, print_json};
 use crate::agent::{CHECKPOINT_NAME, STATE_NAME, checkpoint_bytes, write_checkpoint};
 use crate::fleet::{LOST, Learner, Server, Told};
-use crate::live::serve::ServeError;
 use crate::random::fix_parallelism;
 use crate::report::Numbered;
 use crate::scenario::Scenario;
@@ -42,10 +41,7 @@ pub fn fleet(args: &FleetArgs, stop: &AtomicBool) -> Result<(), Ending> {
     fix_parallelism();
     let scenario = Arc::new(load(&args.scenario, &args.set)?);
     let world = Arc::new(World::new(&scenario)?);
-    let server = Server::new(args.listen, args.token.clone()).map_err(|error| match error {
-        ServeError::Token(_) => Ending::Usage(error.to_string()),
-        ServeError::Bind { .. } => error.into(),
-    })?;
+    let server = Server::new(args.listen, args.token.clone()).map_err(not_served)?;
     let mut learner = Learner::new(&scenario, &world.plan);
     let out = begin_folder(args.out.as_deref(), &scenario, &mut learner)?;
     // Who starts robots needs it, also where progress is not wanted.
@@ -112,10 +108,10 @@ fn say(told: &Told, quiet: bool) {
         ),
         Told::Warning(text) => (true, text.clone()),
     };
-    match warns {
-        true => eprintln!("warning: {text}"),
-        false if !quiet => eprintln!("{text}"),
-        false => {}
+    if warns {
+        eprintln!("warning: {text}");
+    } else if !quiet {
+        eprintln!("{text}");
     }
 }
 

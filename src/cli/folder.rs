@@ -3,8 +3,6 @@
 use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 
-use serde::Deserialize;
-
 use super::Ending;
 use crate::agent::{CHECKPOINT_NAME, read_checkpoint};
 use crate::log::newest;
@@ -98,16 +96,17 @@ pub fn learned(run: &Path) -> Result<(Learned, Scenario), Ending> {
 /// # Errors
 /// See [`World::new`].
 pub fn world(run: &Path, scenario: &Scenario) -> Result<World, image::ImageError> {
-    #[derive(Deserialize)]
-    struct Left {
-        movables: Vec<[f64; 2]>,
-    }
     let world = World::new(scenario)?;
-    let report = std::fs::read_to_string(run.join("report.json")).ok();
-    if let Some(left) = report.and_then(|text| serde_json::from_str::<Left>(&text).ok()) {
-        world.set_movables(left.movables);
+    let left = report(run).and_then(|report| serde_json::from_value(report.get("movables")?.clone()).ok());
+    if let Some(movables) = left {
+        world.set_movables(movables);
     }
     Ok(world)
+}
+
+/// The `report.json` of a run, if it has one.
+pub fn report(run: &Path) -> Option<serde_json::Value> {
+    serde_json::from_str(&std::fs::read_to_string(run.join("report.json")).ok()?).ok()
 }
 
 /// What a checkpoint holds.

@@ -31,20 +31,15 @@ pub fn import(args: &ReplayArgs, file: &Path, stop: &AtomicBool) -> Result<(), E
     // That nothing can be learned shows before there is a folder.
     let mut source = Imported::open(scenario.clone(), &survey, &roles)?;
     let run = folder::create(args.out.as_deref(), &scenario)?;
-    let result = (|| {
-        let (replay_of, elsewhere) = (Some(args.run.display().to_string()), args.no_evaluate);
-        let origin = Origin { replay_of, elsewhere, ..Origin::default() };
-        let log = drive::begin(&run, &scenario, &origin)?;
-        let drive = Drive {
-            likely_actions: Some((scenario.actions / scenario.robot.frames_per_action) as u64),
-            evaluate: !args.no_evaluate,
-            report: !args.no_report,
-            origin,
-            ..Drive::new(&scenario, &world, &run, stop, args.quiet)
-        };
-        drive.go(&mut source, log)
-    })();
-    drive::ending(result, &run, args.json)
+    let (replay_of, elsewhere) = (Some(args.run.display().to_string()), args.no_evaluate);
+    let drive = Drive {
+        likely_actions: Some((scenario.actions / scenario.robot.frames_per_action) as u64),
+        evaluate: !args.no_evaluate,
+        report: !args.no_report,
+        origin: Origin { replay_of, elsewhere, ..Origin::default() },
+        ..Drive::new(&scenario, &world, &run, stop, args.quiet)
+    };
+    drive::ending(drive.begin(&mut source), &run, args.json)
 }
 
 /// What the log holds, which topic is what, and the scenario with what follows from the log: the run ends with the log, and

@@ -46,9 +46,7 @@ pub fn info(args: &InfoArgs) -> Result<(), Ending> {
             metadata: summary.metadata.remove(METADATA_NAME).unwrap_or_default(),
         });
     }
-    let report = std::fs::read_to_string(args.run.join("report.json")).ok();
-    let report = report.and_then(|text| serde_json::from_str(&text).ok());
-    let info = Info { files, report };
+    let info = Info { files, report: folder::report(&args.run) };
     if args.json {
         return print_json(&info);
     }

@@ -9,8 +9,9 @@ use std::time::Duration;
 
 use thiserror::Error;
 
+use super::drive::Drive;
 use super::robot::Robot;
-use super::run::{Extras, in_folder, within_memory};
+use super::run::within_memory;
 use super::{Ending, ResumeArgs, folder, resume};
 use crate::policy::Goto;
 use crate::replay::Recording;
@@ -111,8 +112,7 @@ impl Session {
         let (stop, of_run) = (Arc::new(AtomicBool::new(false)), run.clone());
         let (stopped, of_scenario) = (stop.clone(), scenario.clone());
         let thread = spawn(move || {
-            let extras = Extras { quiet: true, report: true, sampler: None, server: None, fleet: None };
-            in_folder(&of_scenario, &world, robot(source, &stopped), &of_run, extras, &stopped)
+            Drive::new(&of_scenario, &world, &of_run, &stopped, true).with_robot(robot(source, &stopped))
         })?;
         Ok(Session::of(scenario, run, Some(driver), stop, thread))
     }

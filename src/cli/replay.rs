@@ -65,26 +65,21 @@ fn again(
     stop: &AtomicBool,
 ) -> Result<(), Ending> {
     let run = folder::create(args.out.as_deref(), &scenario)?;
-    let result = (|| {
-        let (replay_of, elsewhere) = (Some(args.run.display().to_string()), args.no_evaluate);
-        let origin = Origin { replay_of, elsewhere, ..Origin::default() };
-        let log = drive::begin(&run, &scenario, &origin)?;
-        let mut source = Recorded::new(scenario.clone(), recording.records());
-        let unchanged = args.set.is_empty() && !recording.metadata.contains_key(FLEET);
-        let drive = Drive {
-            recording: unchanged.then_some(&recording.events),
-            most_actions: Some(recording.events.decisions()),
-            evaluate: !args.no_evaluate,
-            report: !args.no_report,
-            origin,
-            ..Drive::new(&scenario, &world, &run, stop, args.quiet)
-        };
-        let report = drive.go(&mut source, log)?;
-        if source.damaged() > 0 {
-            eprintln!("warning: {} frames or records of the recording could not be used", source.damaged());
-        }
-        Ok(report)
-    })();
+    let (replay_of, elsewhere) = (Some(args.run.display().to_string()), args.no_evaluate);
+    let mut source = Recorded::new(scenario.clone(), recording.records());
+    let unchanged = args.set.is_empty() && !recording.metadata.contains_key(FLEET);
+    let drive = Drive {
+        recording: unchanged.then_some(&recording.events),
+        most_actions: Some(recording.events.decisions()),
+        evaluate: !args.no_evaluate,
+        report: !args.no_report,
+        origin: Origin { replay_of, elsewhere, ..Origin::default() },
+        ..Drive::new(&scenario, &world, &run, stop, args.quiet)
+    };
+    let result = drive.begin(&mut source);
+    if result.is_ok() && source.damaged() > 0 {
+        eprintln!("warning: {} frames or records of the recording could not be used", source.damaged());
+    }
     drive::ending(result, &run, args.json)
 }
 

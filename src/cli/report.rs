@@ -192,8 +192,9 @@ fn of_run(args: &ReportArgs, files: &[PathBuf], gathered: &Gathered, steps: &Ste
         Ok(known) => known,
         Err(reason) => {
             losses.push(("the room and its tasks are not known".to_owned(), reason));
-            let without = RoomlessReport { reason: "its room and tasks are not known", pictures: &[], losses: &losses };
-            return without.make(args, gathered, learned.as_ref().map_err(Clone::clone), steps);
+            let learned = learned.as_ref().map_err(Clone::clone);
+            let why = "its room and tasks are not known";
+            return without_room(args, gathered, learned, why, (&[], &losses), steps);
         }
     };
     let simulated = gathered.metadata.get(ROOM.0).map(String::as_str) != Some(ROOM.1);
@@ -229,39 +230,31 @@ fn of_other(args: &ReportArgs, files: Vec<PathBuf>, gathered: &mut Gathered, ste
         ));
     }
     let reason = "another program wrote the log, and nothing was learned in it";
-    RoomlessReport { reason, pictures: &pictures, losses: &losses }.make(args, gathered, Err(reason.to_owned()), steps)
+    without_room(args, gathered, Err(reason.to_owned()), reason, (&pictures, &losses), steps)
 }
 
-/// What is shown of a log without a room.
-struct RoomlessReport<'a> {
-    /// Why there is no room.
-    reason: &'static str,
-    pictures: &'a [Picture],
-    losses: &'a [(String, String)],
-}
-
-impl RoomlessReport<'_> {
-    fn make(
-        &self,
-        args: &ReportArgs,
-        gathered: &Gathered,
-        learned: Result<&Learned, String>,
-        steps: &Steps,
-    ) -> Result<Made, Ending> {
-        steps.begin("report: drawing");
-        let material = Material {
-            gathered,
-            room: None,
-            simulated: false,
-            learned,
-            room_maps: None,
-            trials: Err(self.reason.to_owned()),
-            pose_decode: None,
-            pictures: self.pictures,
-            losses: self.losses,
-        };
-        Ok(make(&format!("Adagio: {}", args.run.display()), &material)?)
-    }
+/// The report of a log without a room, and why there is none.
+fn without_room(
+    args: &ReportArgs,
+    gathered: &Gathered,
+    learned: Result<&Learned, String>,
+    why: &str,
+    (pictures, losses): (&[Picture], &[(String, String)]),
+    steps: &Steps,
+) -> Result<Made, Ending> {
+    steps.begin("report: drawing");
+    let material = Material {
+        gathered,
+        room: None,
+        simulated: false,
+        learned,
+        room_maps: None,
+        trials: Err(why.to_owned()),
+        pose_decode: None,
+        pictures,
+        losses,
+    };
+    Ok(make(&format!("Adagio: {}", args.run.display()), &material)?)
 }
 
 /// The folder of the report, with an empty folder for its drawings; nothing that exists is touched.

@@ -65,8 +65,7 @@ pub fn go_on(
     stop: &Arc<AtomicBool>,
     open: impl FnOnce(&Arc<Scenario>, &Arc<World>, Option<(u64, u64)>) -> Result<Robot, Ending>,
 ) -> Result<Report, String> {
-    let text = |error: &dyn std::fmt::Display| error.to_string();
-    let world = Arc::new(World::new(&scenario).map_err(|e| text(&e))?);
+    let world = Arc::new(World::new(&scenario).map_err(|e| e.to_string())?);
     let kept = state(&args.run, recording, &scenario);
     if recording.first_frame > kept.as_ref().map_or(0, |kept| kept.frame + 1) {
         return Err(format!(
@@ -88,12 +87,13 @@ pub fn go_on(
     }
     let origin = Origin { part: recording.part + 1, ..Origin::default() };
     let mut sizes = Vec::new();
-    for (number, path) in log_files(&args.run).map_err(|e| text(&e))? {
-        sizes.push((number, path.metadata().map_err(|e| text(&e))?.len()));
+    for (number, path) in log_files(&args.run).map_err(|e| e.to_string())? {
+        sizes.push((number, path.metadata().map_err(|e| e.to_string())?.len()));
     }
     let (options, rotation) = log_options(&scenario);
     let metadata = metadata(&scenario, &origin);
-    let log = RunLog::append(Folder::new(&args.run), &options, rotation, &metadata, &sizes).map_err(|e| text(&e))?;
+    let log =
+        RunLog::append(Folder::new(&args.run), &options, rotation, &metadata, &sizes).map_err(|e| e.to_string())?;
     let (mut expected, course) = recording.open_end();
     let mut recorded = Recorded::new(scenario.clone(), recording.records());
     let mut curve = Vec::new();

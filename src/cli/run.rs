@@ -5,14 +5,11 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use super::drive::{self, Drive};
-use super::robot::{self, Robot};
-use super::{Ending, RunArgs, folder, ros_args};
+use super::{Ending, RunArgs, folder, robot, ros_args};
 use crate::agent::{self, Memory};
 use crate::fleet::{Connection, FleetError};
 use crate::live::serve::{ServeError, Server};
-use crate::report::{Origin, Report};
 use crate::scenario::{OverMemory, Scenario, ScenarioError};
-use crate::soak::Sampler;
 use crate::world::World;
 
 /// Run a scenario in a new folder, evaluate what was learned, and write the report.
@@ -37,17 +34,22 @@ pub fn run(args: &RunArgs, stop: &Arc<AtomicBool>) -> Result<(), Ending> {
         server.warning().into_iter().for_each(|warning| eprintln!("warning: {warning}"));
     }
     let (report, server) = (!args.no_report, server.as_ref());
-    let extras = Extras { quiet: args.quiet, report, sampler: None, server, fleet };
-    drive::ending(in_folder(&scenario, &world, robot, &run, extras, stop), &run, args.json)
+    let drive = Drive { report, server, fleet, ..Drive::new(&scenario, &world, &run, stop, args.quiet) };
+    drive::ending(drive.with_robot(robot), &run, args.json)
 }
 
 /// The page that is asked for, if one is.
 fn server(args: &RunArgs) -> Result<Option<Server>, Ending> {
     let Some(address) = args.serve else { return Ok(None) };
-    Server::new(address, args.token.clone()).map(Some).map_err(|error| match error {
-        ServeError::Token(_) => Ending::Usage(error.to_string()),
+    Server::new(address, args.token.clone()).map(Some).map_err(not_served)
+}
+
+/// A token that cannot be used is wrong usage.
+pub fn not_served(error: ServeError) -> Ending {
+    match error {
+        ServeError::Token(_) => Ending::usage(error),
         ServeError::Bind { .. } => error.into(),
-    })
+    }
 }
 
 /// The learner of the fleet that it joins, if it does.
@@ -119,44 +121,4 @@ fn largest_budget(scenario: &Scenario, allowed: u64) -> Option<usize> {
     // One by one: where the solver begins to iterate, more support vectors take less memory.
     let fits = |budget: &usize| Memory::with_budget(scenario, *budget).total() <= allowed;
     (SMALLEST_BUDGET..=scenario.dictionary.budget).rev().find(fits)
-}
-
-/// What a run is given beside its scenario and folder.
-pub struct Extras<'a> {
-    pub quiet: bool,
-    /// Whether report.html is written at the end.
-    pub report: bool,
-    /// Who watches it.
-    pub sampler: Option<&'a Sampler>,
-    /// The page of it.
-    pub server: Option<&'a Server>,
-    /// Who learns in its place.
-    pub fleet: Option<Connection>,
-}
-
-/// Run a scenario in a folder that was made for it. The error is one for people.
-pub fn in_folder(
-    scenario: &Arc<Scenario>,
-    world: &Arc<World>,
-    robot: Robot,
-    run: &Path,
-    extras: Extras<'_>,
-    stop: &AtomicBool,
-) -> Result<Report, String> {
-    let Robot { mut source, switches, is_real, voice } = robot;
-    let origin = Origin { elsewhere: is_real, fleet: extras.fleet.is_some(), ..Origin::default() };
-    let log = drive::begin(run, scenario, &origin)?;
-    let drive = Drive {
-        report: extras.report,
-        sampler: extras.sampler,
-        server: extras.server,
-        keep: extras.fleet.is_none(),
-        fleet: extras.fleet,
-        origin,
-        evaluate: !is_real,
-        switches,
-        voice,
-        ..Drive::new(scenario, world, run, stop, extras.quiet)
-    };
-    drive.go(&mut *source, log)
 }

@@ -4,8 +4,9 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use super::run::{Extras, in_folder, load};
-use super::{Ending, SoakArgs, drive, folder, print, print_json, robot};
+use super::drive::{self, Drive};
+use super::run::load;
+use super::{Ending, SoakArgs, folder, print, print_json, robot};
 use crate::log::{Ending as LogEnding, log_files, summarise};
 use crate::report::Report;
 use crate::scenario::{Change, ChangeKind, Scenario};
@@ -30,8 +31,9 @@ pub fn soak(args: &SoakArgs, stop: &Arc<AtomicBool>) -> Result<(), Ending> {
     let robot = robot::open(&scenario, &world, stop, None)?;
     let run = folder::create(args.out.as_deref(), &scenario)?;
     let sampler = Sampler::new(&run, scenario.actions as u64, scenario.robot.action_seconds);
-    let extras = Extras { quiet: args.quiet, report: true, sampler: Some(&sampler), server: None, fleet: None };
-    let soak = in_folder(&scenario, &world, robot, &run, extras, stop)
+    let drive = Drive { sampler: Some(&sampler), ..Drive::new(&scenario, &world, &run, stop, args.quiet) };
+    let soak = drive
+        .with_robot(robot)
         .and_then(|report| judged(&scenario, &run, &report, &sampler))
         .map_err(|reason| drive::kept(&reason, &run))?;
     if args.json {

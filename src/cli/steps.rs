@@ -47,13 +47,9 @@ impl Steps {
 
     /// All is done.
     pub fn end(self, what: &str) {
-        match &self.bar {
-            Some(bar) => {
-                bar.finish_and_clear();
-                eprintln!("{what}");
-            }
-            None if !self.quiet => eprintln!("{what}"),
-            None => {}
+        self.bar.iter().for_each(ProgressBar::finish_and_clear);
+        if !self.quiet {
+            eprintln!("{what}");
         }
     }
 }
