@@ -387,24 +387,20 @@ impl Watcher {
     }
 
     fn phase(&self, controls: Option<&Controls>) -> Phase {
+        let stopped = |state: &String| !state.starts_with(DriveState::Driving.name());
+        // A robot may stand in the middle of an action.
+        let is_stopped = self.follower.newest.robot.as_ref().is_some_and(stopped);
         if !self.begun {
             Phase::Reading
         } else if self.follower.is_closed() {
             Phase::Over
-        } else if controls.is_some_and(|controls| controls.stands_still() || controls.is_paused() && self.is_stopped())
-        {
+        } else if controls.is_some_and(|controls| controls.stands_still() || controls.is_paused() && is_stopped) {
             Phase::Paused
         } else if self.follower.quiet_for() > SILENT {
             Phase::Silent
         } else {
             Phase::Running
         }
-    }
-
-    /// Whether a robot stands in the middle of an action.
-    fn is_stopped(&self) -> bool {
-        let stopped = |state: &String| !state.starts_with(DriveState::Driving.name());
-        self.follower.newest.robot.as_ref().is_some_and(stopped)
     }
 
     fn corners(&self) -> Option<[[f64; 2]; 2]> {

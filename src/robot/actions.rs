@@ -33,7 +33,7 @@ impl Action {
 }
 
 /// How an action moves a robot that nothing stops: it turns, then drives straight ahead.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Motion {
     /// Metres straight ahead.
     pub distance: f64,

@@ -61,7 +61,7 @@ pub struct Odometry {
 }
 
 /// One action on its way.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Controller {
     motion: Motion,
     /// When it began to move, which is when odometry was first heard.
@@ -86,19 +86,7 @@ pub struct Controller {
 impl Controller {
     /// An action that has not begun.
     pub fn new(motion: Motion) -> Self {
-        Controller {
-            motion,
-            begun: None,
-            last: None,
-            ahead: 0.0,
-            turned: 0.0,
-            driving: false,
-            still_since: None,
-            stuck_since: None,
-            ending: None,
-            ended: None,
-            wanted: Velocity::ZERO,
-        }
+        Controller { motion, ..Controller::default() }
     }
 
     /// How it ended, once it did.

@@ -23,9 +23,10 @@ use super::{Limits, Odometry, Velocity};
 use crate::snapshot::{Persist, Snapshot, SnapshotError};
 
 /// What is being done.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum DriveState {
     /// Nothing is to be done.
+    #[default]
     Standing,
     /// An action of the agent.
     Driving,
@@ -135,8 +136,8 @@ impl fmt::Display for Causes {
     }
 }
 
-/// When the robot may move.
-#[derive(Debug, Clone, PartialEq)]
+/// When the robot may move; by default never.
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct SafetySettings {
     /// The most that is commanded.
     pub limits: Limits,
@@ -213,7 +214,7 @@ impl Persist for Safety {
 }
 
 /// What the sensors said last, and what is to be done.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Safety {
     settings: SafetySettings,
     state: DriveState,
@@ -247,32 +248,7 @@ pub struct Safety {
 impl Safety {
     /// A robot that stands, and of which nothing was heard.
     pub fn new(settings: SafetySettings) -> Self {
-        Safety {
-            settings,
-            state: DriveState::Standing,
-            causes: Causes::NONE,
-            camera: Heard::default(),
-            odometry: Heard::default(),
-            scan: Heard::default(),
-            emergency_stop: Heard::default(),
-            pressed: false,
-            lock: Heard::default(),
-            locked: false,
-            teleop: Heard::default(),
-            person: Velocity::ZERO,
-            velocity: Velocity::ZERO,
-            ahead: f64::INFINITY,
-            behind: f64::INFINITY,
-            unchanged: [0.0; 2],
-            frozen_since: None,
-            battery_low: false,
-            battery_empty: false,
-            paused: false,
-            ended: false,
-            released: false,
-            command: Velocity::ZERO,
-            commanded: None,
-        }
+        Safety { settings, ahead: f64::INFINITY, behind: f64::INFINITY, ..Safety::default() }
     }
 
     /// A camera image was taken at a time; whether its pixels are others than those of the one before.
@@ -415,20 +391,17 @@ impl Safety {
             (false, false) => DriveState::Standing,
         };
         let moved = matches!(self.state, DriveState::Driving | DriveState::Driven);
+        let only_paused = self.causes == Causes::NONE.with(Cause::Paused);
         match self.state {
             DriveState::Held if stops || !released => DriveState::Held,
             // A pause is a person's, who ends it.
-            _ if stops && moved && self.settings.hold && !self.only_paused() => DriveState::Held,
+            _ if stops && moved && self.settings.hold && !only_paused => DriveState::Held,
             _ if stops => DriveState::Stopped,
             // It may still roll.
             DriveState::Stopped if !self.is_still() => DriveState::Stopped,
             _ if self.causes.has(Cause::Near) => DriveState::Stopped,
             _ => at_work,
         }
-    }
-
-    fn only_paused(&self) -> bool {
-        self.causes == Causes::NONE.with(Cause::Paused)
     }
 
     fn causes_at(&mut self, now: Duration, wanted: Velocity) -> Causes {

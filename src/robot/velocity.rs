@@ -25,7 +25,7 @@ impl Velocity {
 }
 
 /// The most that a robot is asked for.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Limits {
     /// Metres a second.
     pub speed: f64,
