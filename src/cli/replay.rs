@@ -30,10 +30,25 @@ pub fn replay(args: &ReplayArgs, stop: &AtomicBool) -> Result<(), Ending> {
     let scenario = Arc::new(scenario);
     let world = Arc::new(folder::world(&args.run, &scenario)?);
     if args.verify {
-        verify(args, &recording, scenario, world, stop)
-    } else {
-        again(args, &recording, scenario, world, stop)
+        return verify(args, &recording, &scenario, &world, stop);
     }
+    let run = folder::create(args.out.as_deref(), &scenario)?;
+    let (replay_of, elsewhere) = (Some(args.run.display().to_string()), args.no_evaluate);
+    let mut source = Recorded::new(scenario.clone(), recording.records());
+    let unchanged = args.set.is_empty() && !recording.metadata.contains_key(FLEET);
+    let drive = Drive {
+        recording: unchanged.then_some(&recording.events),
+        most_actions: Some(recording.events.decisions()),
+        evaluate: !args.no_evaluate,
+        report: !args.no_report,
+        origin: Origin { replay_of, elsewhere, ..Origin::default() },
+        ..Drive::new(&scenario, &world, &run, stop, args.quiet)
+    };
+    let result = drive.begin(&mut source);
+    if result.is_ok() && source.damaged() > 0 {
+        eprintln!("warning: {} frames or records of the recording could not be used", source.damaged());
+    }
+    drive::ending(result, &run, args.json)
 }
 
 /// The keys that a replay changes. With other settings the recorded moments of requests and swaps mean nothing: models come by
@@ -56,33 +71,6 @@ fn same_vision(recording: &Recording, scenario: &Scenario) -> Result<(), String>
     ))
 }
 
-/// A new run from recorded frames.
-fn again(
-    args: &ReplayArgs,
-    recording: &Recording,
-    scenario: Arc<Scenario>,
-    world: Arc<World>,
-    stop: &AtomicBool,
-) -> Result<(), Ending> {
-    let run = folder::create(args.out.as_deref(), &scenario)?;
-    let (replay_of, elsewhere) = (Some(args.run.display().to_string()), args.no_evaluate);
-    let mut source = Recorded::new(scenario.clone(), recording.records());
-    let unchanged = args.set.is_empty() && !recording.metadata.contains_key(FLEET);
-    let drive = Drive {
-        recording: unchanged.then_some(&recording.events),
-        most_actions: Some(recording.events.decisions()),
-        evaluate: !args.no_evaluate,
-        report: !args.no_report,
-        origin: Origin { replay_of, elsewhere, ..Origin::default() },
-        ..Drive::new(&scenario, &world, &run, stop, args.quiet)
-    };
-    let result = drive.begin(&mut source);
-    if result.is_ok() && source.damaged() > 0 {
-        eprintln!("warning: {} frames or records of the recording could not be used", source.damaged());
-    }
-    drive::ending(result, &run, args.json)
-}
-
 /// What `--verify --json` prints.
 #[derive(Serialize)]
 struct Verified {
@@ -101,8 +89,8 @@ struct Verified {
 fn verify(
     args: &ReplayArgs,
     recording: &Recording,
-    scenario: Arc<Scenario>,
-    world: Arc<World>,
+    scenario: &Arc<Scenario>,
+    world: &World,
     stop: &AtomicBool,
 ) -> Result<(), Ending> {
     if !args.set.is_empty() {
@@ -121,16 +109,6 @@ fn verify(
             recording.first_frame
         )));
     }
-    summary(args, &compared(args, recording, &scenario, world, stop)?)
-}
-
-fn compared(
-    args: &ReplayArgs,
-    recording: &Recording,
-    scenario: &Arc<Scenario>,
-    world: Arc<World>,
-    stop: &AtomicBool,
-) -> Result<Verified, Ending> {
     let (options, rotation) = log_options(scenario);
     let log = RunLog::create(NullStorage, &options, rotation, &recording.metadata)?;
     let log = log.expecting(recording.expected(), Repeating::Write);
@@ -148,7 +126,7 @@ fn compared(
     let expected = outcome.log.expected.unwrap_or_default();
     let beyond = if recording.closed { 0 } else { expected.beyond() };
     let first_difference = expected.first_difference().map(|difference| show(recording, &difference)).transpose()?;
-    Ok(Verified {
+    let verified = Verified {
         equal: first_difference.is_none() && (!recording.closed || expected.beyond() == 0),
         recorded_messages: expected.recorded(),
         beyond,
@@ -156,7 +134,8 @@ fn compared(
         models: outcome.learned.as_ref().map_or(0, |learned| u64::from(learned.epoch)),
         digest: outcome.learned.as_ref().map(|learned| learned.digest()),
         first_difference,
-    })
+    };
+    summary(args, &verified)
 }
 
 fn summary(args: &ReplayArgs, verified: &Verified) -> Result<(), Ending> {

@@ -134,7 +134,41 @@ struct RunSummary {
 /// Make a report of a run or log.
 pub fn report(args: &ReportArgs) -> Result<(), Ending> {
     let (made, gathered, out) = made(args)?;
-    summary(args, made, &gathered, &out)
+    let page = out.join(REPORT_NAME).display().to_string();
+    let plot = |name: &str| out.join(PLOTS_NAME).join(format!("{name}.svg")).display().to_string();
+    let Made { verdict, figures, missing, .. } = made;
+    if args.json {
+        print_json(&RunSummary {
+            report: page,
+            plots: figures.iter().map(|figure| plot(&figure.name)).collect(),
+            verdict: verdict.class,
+            headline: verdict.headline,
+            sentences: verdict.sentences,
+            missing,
+            damaged: gathered.damaged,
+            closed: gathered.closed,
+        })?;
+    } else {
+        let missing: Vec<String> = missing.iter().map(|missing| format!("missing: {missing}\n")).collect();
+        let drawings = out.join(PLOTS_NAME);
+        let kept = format!("kept in {page}, its {} drawings in {}\n", figures.len(), drawings.display());
+        print(&format!("{}\n{}\n{}{kept}", verdict.headline, verdict.sentences.join("\n"), missing.concat()))?;
+    }
+    let complete = gathered.damaged == 0 && gathered.missing() == 0 && (gathered.closed || !gathered.is_own());
+    if complete {
+        return Ok(());
+    }
+    let mut lost = Vec::new();
+    if gathered.damaged > 0 {
+        lost.push(format!("{} records could not be read", Numbered(gathered.damaged)));
+    }
+    if gathered.missing() > 0 {
+        lost.push(format!("{} observations are missing", Numbered(gathered.missing())));
+    }
+    if !gathered.closed {
+        lost.push("the log was not closed".to_owned());
+    }
+    Err(Ending::DataLoss(format!("{}: {}; the report shows what there is", args.run.display(), lost.join(", "))))
 }
 
 fn made(args: &ReportArgs) -> Result<(Made, Gathered, PathBuf), Ending> {
@@ -275,42 +309,4 @@ fn place(args: &ReportArgs) -> Result<PathBuf, Ending> {
     }
     let stem = args.run.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     folder::numbered(&args.run.with_file_name(format!("{stem}-report")), make)
-}
-
-fn summary(args: &ReportArgs, made: Made, gathered: &Gathered, out: &Path) -> Result<(), Ending> {
-    let page = out.join(REPORT_NAME).display().to_string();
-    let plot = |name: &str| out.join(PLOTS_NAME).join(format!("{name}.svg")).display().to_string();
-    let Made { verdict, figures, missing, .. } = made;
-    if args.json {
-        print_json(&RunSummary {
-            report: page,
-            plots: figures.iter().map(|figure| plot(&figure.name)).collect(),
-            verdict: verdict.class,
-            headline: verdict.headline,
-            sentences: verdict.sentences,
-            missing,
-            damaged: gathered.damaged,
-            closed: gathered.closed,
-        })?;
-    } else {
-        let missing: Vec<String> = missing.iter().map(|missing| format!("missing: {missing}\n")).collect();
-        let drawings = out.join(PLOTS_NAME);
-        let kept = format!("kept in {page}, its {} drawings in {}\n", figures.len(), drawings.display());
-        print(&format!("{}\n{}\n{}{kept}", verdict.headline, verdict.sentences.join("\n"), missing.concat()))?;
-    }
-    let complete = gathered.damaged == 0 && gathered.missing() == 0 && (gathered.closed || !gathered.is_own());
-    if complete {
-        return Ok(());
-    }
-    let mut lost = Vec::new();
-    if gathered.damaged > 0 {
-        lost.push(format!("{} records could not be read", Numbered(gathered.damaged)));
-    }
-    if gathered.missing() > 0 {
-        lost.push(format!("{} observations are missing", Numbered(gathered.missing())));
-    }
-    if !gathered.closed {
-        lost.push("the log was not closed".to_owned());
-    }
-    Err(Ending::DataLoss(format!("{}: {}; the report shows what there is", args.run.display(), lost.join(", "))))
 }
