@@ -122,7 +122,7 @@ impl Doctor {
         let mut graph = Domain::join(settings)?.node("")?;
         let begun = Instant::now();
         let until = begun + Duration::from_secs_f64(seconds);
-        let (mut ears, mut notes, mut threads) = (Vec::new(), BTreeMap::new(), Threads::default());
+        let (mut notes, mut threads) = (BTreeMap::new(), Threads::default());
         // Whom to listen to is known only once they were found.
         let names = [&settings.camera, &settings.odometry, &settings.scan];
         let mut wanted: Vec<String> =
@@ -130,7 +130,7 @@ impl Doctor {
         wanted.push(TRANSFORMS.to_owned());
         while Instant::now() < until {
             let published = graph.published();
-            let mut left = Vec::new();
+            let (mut left, mut ears) = (Vec::new(), Vec::new());
             for topic in std::mem::take(&mut wanted) {
                 let Some(end) = published.iter().find(|end| end.topic == topic) else {
                     left.push(topic);
@@ -144,7 +144,6 @@ impl Doctor {
             }
             wanted = left;
             if !ears.is_empty() {
-                let ears = std::mem::take(&mut ears);
                 threads.listen("doctor", ears).map_err(|cause| graph.failed(&cause))?;
             }
             std::thread::sleep(super::graph::LOOK_INTERVAL);

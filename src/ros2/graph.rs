@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 use ros2_client::action::{ActionServer, ActionServerQosPolicies};
 use ros2_client::qos::{Durability, History, WhenFull};
 use ros2_client::ros2::LogLevel;
+use ros2_client::ros2::policy::Reliability;
 use ros2_client::{
     ActionTypeName, Context, ContextOptions, Message, MessageTypeName, Name, Node, NodeName, NodeOptions, Publisher,
     QosProfile, Server, ServiceMapping, ServiceTypeName,
@@ -156,11 +157,11 @@ impl Graph {
     /// Everything that others publish.
     pub fn published(&self) -> Vec<End> {
         let writers = self.network.context.domain_participant().discovered_writers();
-        let end = |writer: &ros2_client::dds::rustdds::discovery::DiscoveredWriterData| {
+        sorted(writers.iter().filter_map(|writer| {
             let data = &writer.publication_topic_data;
-            end(&data.topic_name, &data.type_name, data.reliability.map(|of| is_best_effort(&of)))
-        };
-        sorted(writers.iter().filter_map(end))
+            let best_effort = data.reliability.map(|of| matches!(of, Reliability::BestEffort));
+            end(&data.topic_name, &data.type_name, best_effort)
+        }))
     }
 
     /// Everything that others listen to.
@@ -338,10 +339,6 @@ pub fn texts(ends: &[End]) -> Vec<String> {
 fn message_type(kind: &str) -> MessageTypeName {
     let (package, of) = kind.split_once("/msg/").expect("the types of messages are ours");
     MessageTypeName::new(package, of)
-}
-
-fn is_best_effort(reliability: &ros2_client::ros2::policy::Reliability) -> bool {
-    matches!(reliability, ros2_client::ros2::policy::Reliability::BestEffort)
 }
 
 /// From DDS's names: topics are `rt/…`, types `package::msg::dds_::Type_`; everything else is a service's.

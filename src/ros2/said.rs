@@ -38,8 +38,6 @@ impl DiagnosticStatus {
     pub const OK: u8 = 0;
     /// It stands, and somebody may have to do something about it.
     pub const WARN: u8 = 1;
-    /// Something has failed.
-    pub const ERROR: u8 = 2;
 }
 
 /// `diagnostic_msgs/msg/KeyValue`
