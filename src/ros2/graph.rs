@@ -173,7 +173,7 @@ impl Graph {
         }))
     }
 
-    /// As which of the [types](kinds) of a key a topic is published, if somebody does already.
+    /// As which of the types of a key a topic is published, if somebody does already.
     ///
     /// # Errors
     /// [`LinkError::Type`]: the network hands on messages whatever their type is, and those of another one would be misread.
