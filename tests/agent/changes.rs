@@ -107,8 +107,7 @@ fn a_camera_that_loses_frames_gives_the_last_ones_of_actions() {
     assert!(losing.iter().all(|frame| frame.truth == plain[frame.number as usize].truth));
 }
 
-const CHANGES: [&str; 10] = [
-    "camera.detail=vision",
+const CHANGES: [&str; 9] = [
     "change.0.action=100",
     "change.0.kind=light",
     "change.0.factor=0.7",
@@ -136,7 +135,7 @@ fn a_run_with_changes_counts_what_was_lost_is_repeated_and_goes_on() {
     assert!(verified.status.success(), "{}{}", stdout(&verified), stderr(&verified));
     let checked = adagio(folder.path(), &["check", "whole"]);
     assert!(checked.status.success() && stdout(&checked).contains("24 frames dropped"), "{}", stdout(&checked));
-    let plain = report(&smoke_run(folder.path(), "plain", &["--set", "camera.detail=vision"]));
+    let plain = report(&smoke_run(folder.path(), "plain", &[]));
     assert_ne!(plain["digest"], whole["digest"]);
 
     // Cut off while the camera is frozen, it goes on from the log and ends alike.
@@ -155,8 +154,7 @@ fn changing_run(folder: &Path, name: &str, lines: &str, sets: &[&str]) -> std::p
     let file = format!("{name}.toml");
     std::fs::write(folder.join(&file), smoke + lines).unwrap();
     let sets: Vec<&str> = sets.iter().flat_map(|&set| ["--set", set]).collect();
-    let fixed = ["run", &file, "--out", name, "--quiet", "--no-report", "--set", "camera.detail=vision"];
-    let output = adagio(folder, &[&fixed, &sets[..]].concat());
+    let output = adagio(folder, &[&["run", &file, "--out", name, "--quiet", "--no-report"], &sets[..]].concat());
     assert!(output.status.success(), "{}", stderr(&output));
     folder.join(name)
 }
