@@ -219,6 +219,7 @@ fn signalled(folder: &Path, arguments: &[&str], bytes: u64, signal: &str) {
     let scenario = crate::common::package_file("scenarios/smoke.toml");
     let mut running = std::process::Command::new(env!("CARGO_BIN_EXE_adagio"))
         .args(["run", scenario.to_str().unwrap(), "--quiet", "--no-report", "--json", "--out", "run"])
+        .args(["--set", "camera.detail=vision"])
         .args(arguments)
         .current_dir(folder)
         .stdout(std::process::Stdio::null())
