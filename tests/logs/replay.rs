@@ -293,6 +293,8 @@ fn a_run_that_was_killed_goes_on_from_the_last_state_that_was_kept() {
             format!("value.method={method}"),
             format!("value.places={places}"),
             "agent.snapshot_minutes=0.002".to_owned(),
+            // In real time a state must be kept before it is killed: not faster than the learning.
+            "camera.detail=full".to_owned(),
         ];
         let mut settings = vec!["--actions", "1000"];
         settings.extend(sets.iter().flat_map(|set| ["--set", set]));
