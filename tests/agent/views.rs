@@ -69,8 +69,10 @@ fn compare(scenario: &Scenario, ours: &[Image], theirs: &[Image]) -> Difference 
 fn a_device_draws_what_the_processor_draws_in_every_scenario() {
     let Some((_turn, gpu)) = device() else { return };
     println!("{}", gpu.name());
-    // A driver in software takes 20 ms for a view.
-    let views = if std::env::var("ADAGIO_LONG").is_ok_and(|value| value == "1") { 1000 } else { 100 };
+    // Drivers in software are slow. Pixels that differ come in few views, in which a wall is seen edge-on, so that their share among
+    // a hundred views is less certain than among a thousand.
+    let long = std::env::var("ADAGIO_LONG").is_ok_and(|value| value == "1");
+    let (views, share) = if long { (1000, 2e-4) } else { (100, 1e-3) };
     let (mut drawn, mut shares) = (HashSet::new(), Vec::new());
     for path in scenarios() {
         let scenario = Scenario::load(&path, &[]).unwrap();
@@ -94,8 +96,8 @@ fn a_device_draws_what_the_processor_draws_in_every_scenario() {
             let found = compare(&scenario, &ours, &theirs);
             println!("{} frame {frame}: {found:?}", path.display());
             // Some times what a driver in software comes to: others may round otherwise. Rendering for vision alone makes a
-            // difference of 2 grey levels in every view. Pixels that differ come in few views, in which a wall is seen edge-on.
-            assert!(found.share <= 1e-3 && found.worst_view <= 3.0, "{} frame {frame}: {found:?}", path.display());
+            // difference of 2 grey levels in every view.
+            assert!(found.share <= share && found.worst_view <= 3.0, "{} frame {frame}: {found:?}", path.display());
             shares.push(found.share);
         }
     }
