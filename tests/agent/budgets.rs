@@ -45,7 +45,9 @@ fn at_the_budget_the_dictionary_does_what_the_scenario_says() {
     ];
     let mut digests = Vec::new();
     for (name, key) in cases {
-        let sets = ["--set", "dictionary.budget=90", "--set", "slow.features=30", "--set", key];
+        let sets = ["dictionary.budget=90", "slow.features=30", "camera.detail=vision", key]
+            .map(|set| ["--set", set])
+            .concat();
         let run = smoke_run(folder.path(), name, &sets);
         let written = report(&run);
         let (size, nu) = (support_vectors(&run), written["dictionary"]["nu"].as_f64());

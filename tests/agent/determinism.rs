@@ -39,7 +39,6 @@ fn one_core_gives_the_digest_of_all() {
     let output = std::process::Command::new("taskset")
         .args(["-c", core, env!("CARGO_BIN_EXE_adagio")])
         .args(["run", scenario.to_str().unwrap(), "--quiet", "--no-report", "--out", "one"])
-        .args(["--set", "camera.detail=vision"])
         .args(large)
         .current_dir(folder.path())
         .env("RAYON_NUM_THREADS", "1")

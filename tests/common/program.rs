@@ -46,12 +46,10 @@ pub fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// Run the smoke scenario into `folder/name`, which must succeed, without drawings and rendered for vision alone, which takes half the
-/// time; the run folder.
+/// Run the smoke scenario into `folder/name`, which must succeed, without drawings; the run folder.
 pub fn smoke_run(folder: &Path, name: &str, arguments: &[&str]) -> PathBuf {
     let scenario = package_file("scenarios/smoke.toml");
     let mut all = vec!["run", scenario.to_str().unwrap(), "--quiet", "--no-report", "--out", name];
-    all.extend(["--set", "camera.detail=vision"]);
     all.extend(arguments);
     let output = adagio(folder, &all);
     assert!(output.status.success(), "{}", stderr(&output));

@@ -219,7 +219,6 @@ fn signalled(folder: &Path, arguments: &[&str], bytes: u64, signal: &str) {
     let scenario = crate::common::package_file("scenarios/smoke.toml");
     let mut running = std::process::Command::new(env!("CARGO_BIN_EXE_adagio"))
         .args(["run", scenario.to_str().unwrap(), "--quiet", "--no-report", "--json", "--out", "run"])
-        .args(["--set", "camera.detail=vision"])
         .args(arguments)
         .current_dir(folder)
         .stdout(std::process::Stdio::null())
@@ -293,8 +292,6 @@ fn a_run_that_was_killed_goes_on_from_the_last_state_that_was_kept() {
             format!("value.method={method}"),
             format!("value.places={places}"),
             "agent.snapshot_minutes=0.002".to_owned(),
-            // In real time a state must be kept before it is killed: not faster than the learning.
-            "camera.detail=full".to_owned(),
         ];
         let mut settings = vec!["--actions", "1000"];
         settings.extend(sets.iter().flat_map(|set| ["--set", set]));
