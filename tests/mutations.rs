@@ -162,8 +162,7 @@ fn parse(parser: &Parser, test: &str) {
         }
         return;
     }
-    let long = std::env::var("ADAGIO_LONG").is_ok_and(|value| value == "1");
-    let count = if long { MANY } else { parser.inputs };
+    let count = if common::long() { MANY } else { parser.inputs };
     let folder = tempfile::tempdir().unwrap();
     let progress = folder.path().join("progress");
     let made = folder.path().join("checkpoint");

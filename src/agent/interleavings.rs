@@ -27,7 +27,7 @@ use crate::world::Simulated;
 use crate::world::World;
 
 /// Orders that are tried, of all kinds together.
-const INTERLEAVINGS: u64 = 600;
+const INTERLEAVINGS: u64 = 400;
 
 /// Actions of a run, of five frames each.
 const ACTIONS: usize = 10;

@@ -269,9 +269,9 @@ mod tests {
     fn what_cannot_be_short_enough_is_not_searched_and_nothing_else_is_left_out() {
         for (text, starts) in [
             (LAB, 200),
-            (include_str!("../../scenarios/two_rooms.toml"), 12),
-            (include_str!("../../scenarios/apartment.toml"), 12),
-            (include_str!("../../scenarios/doors.toml"), 12),
+            (include_str!("../../scenarios/two_rooms.toml"), 5),
+            (include_str!("../../scenarios/apartment.toml"), 5),
+            (include_str!("../../scenarios/doors.toml"), 5),
         ] {
             let scenario = Scenario::parse(text, "scenario.toml".as_ref(), &[]).unwrap();
             let (world, robot) = (World::new(&scenario).unwrap(), &scenario.robot);

@@ -312,7 +312,7 @@ fn the_scenarios_of_several_rooms_are_valid_and_run() {
             "dictionary.budget=150",
             "dictionary.sigma_frames=200",
             "slow.features=40",
-            "agent.resolve_frames=300",
+            "agent.resolve_frames=500",
             "agent.latency_frames=100",
             "evaluate.starts=5",
             "evaluate.max_steps=60",

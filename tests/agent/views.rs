@@ -14,7 +14,7 @@ use nalgebra::{Point2, Vector2};
 use rand::RngExt;
 use serde_json::Value;
 
-use crate::common::{adagio_on, device, generator, package_file, stderr};
+use crate::common::{adagio_on, device, generator, long, package_file, stderr};
 
 /// All scenarios of the package.
 fn scenarios() -> Vec<PathBuf> {
@@ -71,8 +71,7 @@ fn a_device_draws_what_the_processor_draws_in_every_scenario() {
     println!("{}", gpu.name());
     // Drivers in software are slow. Pixels that differ come in few views, in which a wall is seen edge-on, so that their share among
     // a hundred views is less certain than among a thousand.
-    let long = std::env::var("ADAGIO_LONG").is_ok_and(|value| value == "1");
-    let (views, share) = if long { (1000, 2e-4) } else { (100, 1e-3) };
+    let (views, share) = if long() { (1000, 2e-4) } else { (100, 1e-3) };
     let (mut drawn, mut shares) = (HashSet::new(), Vec::new());
     for path in scenarios() {
         let scenario = Scenario::load(&path, &[]).unwrap();

@@ -56,6 +56,11 @@ pub fn smoke_run(folder: &Path, name: &str, arguments: &[&str]) -> PathBuf {
     folder.join(name)
 }
 
+/// A run folder once more.
+pub fn copy(run: &Path, to: &Path) {
+    assert!(Command::new("cp").arg("-r").args([run, to]).status().unwrap().success());
+}
+
 /// The report of a run folder.
 pub fn report(run: &Path) -> Value {
     serde_json::from_str(&std::fs::read_to_string(run.join("report.json")).unwrap()).unwrap()

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::common::{adagio, report, smoke_run, stderr, stdout};
+use crate::common::{adagio, copy, report, smoke_run, stderr, stdout};
 use crate::export::{export, messages};
 use adagio::log::messages::{PlaceBelief, Prospect};
 use adagio::log::{LogReader, Record};
@@ -185,7 +185,8 @@ fn a_run_that_was_cut_off_anywhere_goes_on_to_the_same_end() {
     let whole = report(&smoke_run(folder.path(), "whole", &[]));
     for (number, share) in [0.03, 0.31, 0.62, 0.97].into_iter().enumerate() {
         let name = format!("cut_{number}");
-        let run = smoke_run(folder.path(), &name, &[]);
+        let run = folder.path().join(&name);
+        copy(&folder.path().join("whole"), &run);
         cut(&run, share);
         let output = adagio(folder.path(), &["resume", &name, "--quiet", "--no-report"]);
         assert!(output.status.success(), "cut to {share}: {}", stderr(&output));
@@ -261,8 +262,7 @@ fn a_run_that_was_interrupted_goes_on_to_the_end_of_one_that_was_not() {
     assert_eq!(verify(folder.path(), "run")["digest"], report(&run)["digest"]);
     // From the state that it left, and without one from the log.
     let from_log = folder.path().join("from_log");
-    let copy = std::process::Command::new("cp").args(["-r", "run", "from_log"]).current_dir(folder.path()).status();
-    assert!(copy.unwrap().success());
+    copy(&run, &from_log);
     std::fs::remove_file(from_log.join("state.safetensors")).unwrap();
     for (name, expected) in [("run", "where the state of the run was kept"), ("from_log", "learning again from")] {
         let output = adagio(folder.path(), &["resume", name, "--no-report"]);

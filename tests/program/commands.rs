@@ -55,7 +55,7 @@ fn a_run_leaves_its_folder_and_a_report_with_all_keys() {
         for name in ["success", "mean_steps", "convergence_quality"] {
             assert!(task["without_reflexes"].as_object().unwrap().contains_key(name), "without_reflexes.{name}");
         }
-        assert_eq!(task["starts"], 20);
+        assert_eq!(task["starts"], 8);
         assert!((3.0..9.0).contains(&task["optimal_mean_steps"].as_f64().unwrap()));
     }
     let curve = report["curve"].as_array().unwrap();
@@ -77,7 +77,7 @@ fn progress_goes_to_stderr_and_the_table_to_stdout() {
     assert!(stdout(&output).contains("centre") && stdout(&output).contains("kept in run"));
     assert!(!stdout(&output).contains('\x1b'), "no terminal codes where there is no terminal");
     assert!(!stderr(&output).contains('\x1b'));
-    assert!(stderr(&output).contains("evaluating 20 starts"));
+    assert!(stderr(&output).contains("evaluating 8 starts"));
     let quiet =
         adagio(folder.path(), &["run", &smoke(), "--actions", "60", "--out", "quiet", "--quiet", "--no-report"]);
     assert!(quiet.status.success() && quiet.stderr.is_empty());

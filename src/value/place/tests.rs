@@ -88,6 +88,11 @@ impl Rooms {
     }
 }
 
+/// Whether all seeds are tried.
+fn long() -> bool {
+    std::env::var("ADAGIO_LONG").is_ok_and(|value| value == "1")
+}
+
 fn same(a: Pose, b: Pose, moves: f64) -> bool {
     (a.x - b.x).hypot(a.y - b.y) < moves && turned(a.heading, b.heading) < 0.8
 }
@@ -108,8 +113,9 @@ fn truly(map: &PlaceMap, truth: &[Pose], pose: Pose) -> Pose {
 
 #[test]
 fn places_that_look_alike_are_told_by_the_way_to_them() {
-    // Rooms that are quite alike may be taken for one: at most in two of these seeds. No setting was chosen by them.
-    let shares = (11..=16).map(|seed| {
+    // Rooms that are quite alike may be taken for one: at most in a third of these seeds. No setting was chosen by them.
+    let seeds = if long() { 11..=16 } else { 11..=13 };
+    let shares = seeds.map(|seed| {
         let mut rooms = Rooms::new(3, 1, seed);
         let (map, truth) = learned(&mut rooms);
         let poses = map.poses();
@@ -120,9 +126,11 @@ fn places_that_look_alike_are_told_by_the_way_to_them() {
         for a in (0..truth.len()).step_by(7).filter(|&a| poses[a].is_some()) {
             let others = (0..truth.len()).filter(|&b| a.abs_diff(b) > 200 && poses[b].is_some());
             let near = |b: usize| poses[a].zip(poses[b]).is_some_and(|(a, b)| same(a, b, 0.5));
-            let look = |b: usize| (map.points().col(a) - map.points().col(b)).squared_norm_l2();
+            let point = |state: usize| map.points().col(state).iter();
+            let look = |b: usize| point(a).zip(point(b)).map(|(a, b)| (a - b).powi(2)).sum::<f32>();
             let mut alike: Vec<usize> = others.clone().collect();
-            alike.sort_by(|&b, &c| look(b).total_cmp(&look(c)));
+            // Squares are not negative, and so their bits are in their order.
+            alike.sort_by_cached_key(|&b| look(b).to_bits());
             alike.truncate(8);
             for (told, states) in [(&mut by_place, others.filter(|&b| near(b)).collect()), (&mut by_look, alike)] {
                 told[0] += states.iter().filter(|&&b| same(truth[a], truth[b], 1.5)).count() as u32;
@@ -133,13 +141,17 @@ fn places_that_look_alike_are_told_by_the_way_to_them() {
     });
     let shares: Vec<[f64; 2]> = shares.collect();
     let good = shares.iter().filter(|[by_place, _]| *by_place > 0.9).count();
-    assert!(good >= 4 && shares.iter().all(|[_, by_look]| *by_look < 0.7), "by place and by look: {shares:.2?}");
+    assert!(
+        3 * good >= 2 * shares.len() && shares.iter().all(|[_, by_look]| *by_look < 0.7),
+        "by place and by look: {shares:.2?}"
+    );
 }
 
 #[test]
 fn a_robot_finds_out_where_it_is_and_again_when_it_is_carried_away() {
     let (mut knows, mut trials) = ([0; 2], [0; 2]);
-    for seed in 1..=4 {
+    let seeds: u32 = if long() { 4 } else { 2 };
+    for seed in 1..=u64::from(seeds) {
         let mut rooms = Rooms::new(3, 1, seed);
         let (map, truth) = learned(&mut rooms);
         for _ in 0..20 {
@@ -164,10 +176,11 @@ fn a_robot_finds_out_where_it_is_and_again_when_it_is_carried_away() {
             }
         }
     }
-    // Now and then it takes one of the two rooms that look alike for the other. Without doubt 55 of 58 would know it at first, and 41 of
-    // 53 when they were carried away; with it 43 and 42.
-    let enough = |carried: usize, share: f64| f64::from(knows[carried]) > share * f64::from(trials[carried]);
-    assert!(trials[0] > 30 && trials[1] > 30 && enough(0, 0.7) && enough(1, 0.7), "{knows:?} of {trials:?}");
+    // Now and then it takes one of the two rooms that look alike for the other. With four seeds and no doubt 55 of 58 would know it
+    // at first, and 41 of 53 when they were carried away; with it 43 and 42.
+    let share = |knows: u32, trials: u32| f64::from(knows) / f64::from(trials);
+    let each = (0..2).all(|carried| trials[carried] > 10 * seeds && share(knows[carried], trials[carried]) > 0.6);
+    assert!(each && share(knows.iter().sum(), trials.iter().sum()) > 0.7, "{knows:?} of {trials:?}");
 }
 
 #[test]
