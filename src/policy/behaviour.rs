@@ -104,11 +104,6 @@ impl BehaviourSchedule {
         }
     }
 
-    /// The task to whose goal somebody has sent the robot, until it is there.
-    pub fn sent(&self) -> Option<usize> {
-        self.sent
-    }
-
     /// The behaviour for action number `action` (from 0), and the pursuit that is over before it. `in_goal`: whether the robot is
     /// in a task's goal now; `able`: whether there is a policy for it.
     pub fn next(
@@ -218,7 +213,7 @@ mod tests {
         // long.
         schedule.send(Goto::Task(1));
         let (leg, ended) = schedule.next(0, &|task| task == 1, &never);
-        assert_eq!((leg, schedule.sent()), (Behaviour::Explore, None));
+        assert_eq!((leg, schedule.sent), (Behaviour::Explore, None));
         assert_eq!(ended, Some(PursuitEnd { task: 1, arrived: true, actions: 0, sent: true }));
         schedule.send(Goto::Task(1));
         assert_eq!(schedule.next(0, &never, &never).0, Behaviour::Explore);
@@ -234,7 +229,7 @@ mod tests {
         assert_eq!(ends.len(), 2);
         assert!(ends.iter().all(|end| !end.arrived && !end.sent));
         let (leg, ended) = schedule.next(200, &|task| task == 1, &always);
-        assert_eq!((leg, schedule.sent()), (Behaviour::Explore, None));
+        assert_eq!((leg, schedule.sent), (Behaviour::Explore, None));
         assert!(ended.is_some_and(|end| end.arrived && end.sent && end.task == 1));
         // It is there already; and a pursuit of another goal is given up for it.
         schedule.send(Goto::Task(1));

@@ -191,7 +191,7 @@ fn what_was_not_shown_yet_is_said_and_the_robot_explores_on() {
 fn what_was_shown_to_be_avoided_is_driven_around() {
     let folder = tempfile::tempdir().unwrap();
     let scenario = package_file("scenarios/avoid.toml");
-    let short = "--seed 43 --actions 5000 --set world.texture_seed=79 --set evaluate.every=0 --set evaluate.starts=200 --set camera.detail=vision";
+    let short = "--seed 43 --actions 5000 --set world.texture_seed=79 --set evaluate.every=0 --set evaluate.starts=200";
     let fixed = ["run", scenario.to_str().unwrap(), "--quiet", "--no-report", "--out", "run"];
     let output = adagio(folder.path(), &[&fixed[..], &short.split(' ').collect::<Vec<_>>()].concat());
     assert!(output.status.success(), "{}", stderr(&output));

@@ -238,7 +238,8 @@ fn signalled(folder: &Path, arguments: &[&str], bytes: u64, signal: &str) {
 #[test]
 fn a_run_that_was_interrupted_goes_on_to_the_end_of_one_that_was_not() {
     let folder = tempfile::tempdir().unwrap();
-    let actions = ["--actions", "800", "--set", "value.places=true"];
+    // Fewer models than usual: each looks for a map.
+    let actions = ["--actions", "800", "--set", "value.places=true", "--set", "agent.resolve_frames=800"];
     let whole = report(&smoke_run(folder.path(), "whole", &actions));
     let checkpoint = std::fs::read(folder.path().join("whole/checkpoint.safetensors")).unwrap();
     let (learned, _) = adagio::agent::read_checkpoint(&checkpoint, &folder.path().join("whole")).unwrap();
