@@ -234,7 +234,7 @@ fn a_goal_that_is_moved_by_hand_is_moved_again_by_a_replay() {
     assert!(verified.status.success(), "{}{}", stdout(&verified), stderr(&verified));
     // What was learned knows for which goals: it is tried out with them, as in the run's own report.
     let own = report(Path::new(place))["tasks"].clone();
-    let output = adagio(folder.path(), &["evaluate", place, "--starts", "20", "--seed", "1", "--json"]);
+    let output = adagio(folder.path(), &["evaluate", place, "--starts", "8", "--seed", "1", "--json"]);
     let again: Value = serde_json::from_str(&stdout(&output)).unwrap();
     assert_eq!(again["tasks"], own);
 }

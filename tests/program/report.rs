@@ -169,7 +169,7 @@ fn the_log_alone_gives_the_same_report_in_another_folder() {
     assert_eq!(told["missing"].as_array().unwrap().len(), 0);
     assert_eq!(told["plots"].as_array().unwrap().len(), expected().len());
     // Long work says what it is doing.
-    for step in ["reading the log", "looking around", "trying 20 starts", "drawings in"] {
+    for step in ["reading the log", "looking around", "trying 8 starts", "drawings in"] {
         assert!(stderr(&output).contains(step), "{step}: {}", stderr(&output));
     }
     let quiet = adagio(folder.path(), &["report", "moved.mcap", "--quiet", "--out", "quiet"]);
