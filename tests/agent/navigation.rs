@@ -81,9 +81,8 @@ const TWO_ROOMS: [&str; 20] = [
     "slow.features=200",
 ];
 
-/// The first gate of two rooms, 90 % with quality 0.7, asked of a smaller world, a seventh of the run and
-/// its only model. Half of the starts are in the other
-/// room; the reference policy, which drives straight at the goal, reaches about 60 %.
+/// The first gate of two rooms, 90 % with quality 0.7, asked of a smaller world, a seventh of the run and its only model. Half of the
+/// starts are in the other room; the reference policy, which drives straight at the goal, reaches about 60 %.
 #[test]
 fn from_one_room_the_goal_in_the_other_is_reached() {
     let two_rooms = std::fs::read_to_string(package_file("scenarios/two_rooms.toml")).unwrap();

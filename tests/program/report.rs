@@ -186,7 +186,7 @@ fn nothing_that_exists_is_overwritten() {
         fs::copy(self::run().join(name), run.join(name)).unwrap();
     }
     let before: BTreeMap<PathBuf, Vec<u8>> = files(&run);
-    for place in ["run/report.html", "run/report-2/report.html"] {
+    for place in ["run/report.html", "run/report-2/report.html", "run/report-3/report.html"] {
         let (told, _) = reported(folder.path(), &["run"], 0);
         assert_eq!(told["report"], place);
     }
