@@ -70,6 +70,12 @@ pub struct Slow {
 /// A world of so many rooms is a building: two and a door.
 const SEVERAL_ROOMS: usize = 3;
 
+/// Transitions in the window, unless the scenario says how many.
+const WINDOW: usize = 20_000;
+
+/// The same at most, where a map of places is made of them.
+const MOST_OF_MAP: usize = 100_000;
+
 /// `[value]`
 #[derive(Debug, Clone, PartialEq)]
 pub struct Value {
@@ -79,9 +85,9 @@ pub struct Value {
     pub gamma: f64,
     /// Transitions in the window.
     pub window: usize,
-    /// Local values: transitions neighbours for the value of an action.
+    /// Local values: neighbouring transitions for the value of an action.
     pub neighbours: usize,
-    /// Local values: slowest features that define the distance of states each other.
+    /// Local values: slowest features that define the distance of states.
     pub metric_features: usize,
     /// Local values: whether states are told by where the robot is as well, by the way that it came.
     pub places: bool,
@@ -175,32 +181,44 @@ impl Slow {
 }
 
 impl Value {
-    /// `rooms`: how many there are in the world.
-    pub(super) fn read(s: &mut Section<'_, '_>, rooms: usize) -> Self {
+    /// `rooms`: how many there are in the world; `actions`: those of the run.
+    pub(super) fn read(s: &mut Section<'_, '_>, rooms: usize, actions: usize) -> Self {
+        let places = s.flag(
+            "places",
+            rooms >= SEVERAL_ROOMS,
+            "local: states are told apart by where the robot is, too, by the way that it came; true where world.room is given three times or more",
+        );
+        // A map has only what the window holds: who forgets half of a building can no longer go there.
+        let window = if places { actions.clamp(WINDOW, MOST_OF_MAP) } else { WINDOW };
         Value {
             method: s.choice(
                 "method",
                 &[("local", Method::Local), ("lspi", Method::Lspi)],
-                "values by regression on transitions nearby, or linear in all features"),
+                "values by regression on transitions nearby, or linear in all features",
+            ),
             gamma: s.number("gamma", 0.9, "per action", within(0.0, 0.9999), "discount"),
-            window: s.count("window", 20_000, "transitions", 10..=10_000_000, "rolling window"),
+            window: s.count(
+                "window",
+                window,
+                "transitions",
+                10..=10_000_000,
+                "rolling window; with places as many as actions, from 20 000 to 100 000, by default",
+            ),
             neighbours: s.count(
                 "neighbours",
                 16,
                 "transitions",
                 1..=1000,
-                "local: neighbours for the value of an action"),
+                "local: neighbours for the value of an action",
+            ),
             metric_features: s.count(
                 "metric_features",
                 40,
                 "",
                 1..=5000,
-                "local: slowest features that define the distance of states"),
-            places: s.flag(
-                "places",
-                rooms >= SEVERAL_ROOMS,
-                "local: states are told apart by where the robot is, too, by the way that it came; true where world.room is given three times or more",
+                "local: slowest features that define the distance of states",
             ),
+            places,
             odometry: s.flag(
                 "odometry",
                 true,
@@ -214,21 +232,9 @@ impl Value {
                 "local: on the slopes of the regression",
             ),
             ridge: s.number("ridge", 0.1, "", within(0.0, 1e9), "lspi: on the diagonal of the summed system"),
-            mixing: s.number(
-                "mixing",
-                0.3,
-                "",
-                above(0.0, 1.0),
-                "lspi: share of the greedy policy in each iteration",
-            ),
+            mixing: s.number("mixing", 0.3, "", above(0.0, 1.0), "lspi: share of the greedy policy in each iteration"),
             max_iterations: s.count("max_iterations", 40, "", 1..=10_000, "lspi: largest number of policy evaluations"),
-            tolerance: s.number(
-                "tolerance",
-                1e-3,
-                "",
-                above(0.0, 1.0),
-                "lspi: change of weights that counts as none",
-            ),
+            tolerance: s.number("tolerance", 1e-3, "", above(0.0, 1.0), "lspi: change of weights that counts as none"),
             balance: s.number(
                 "balance",
                 0.5,

@@ -143,7 +143,7 @@ impl Scenario {
             vision: reader.section("vision", "camera image to observation", |s| Vision::read(s, robot.body)),
             dictionary: reader.section("dictionary", "support vectors", Dictionary::read),
             slow: reader.section("slow", "slow features", Slow::read),
-            value: reader.section("value", "what actions are worth", |s| Value::read(s, rooms)),
+            value: reader.section("value", "what actions are worth", |s| Value::read(s, rooms, actions)),
             policy: reader.section("policy", "exploration, pursuit, reflexes", |s| Policy::read(s, actions)),
             agent: reader.section("agent", "", |s| Agent::read(s, &robot)),
             evaluate: reader.section("evaluate", "", Evaluate::read),
