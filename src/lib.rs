@@ -144,6 +144,8 @@ pub mod learn;
 #[cfg(feature = "live")]
 pub mod live;
 #[cfg(feature = "agent")]
+mod lock;
+#[cfg(feature = "agent")]
 pub mod log;
 #[cfg(feature = "agent")]
 pub mod policy;

@@ -3,7 +3,7 @@
 use std::convert::Infallible;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use super::actors::act::{Act, ActLoop, ActState};
@@ -29,6 +29,7 @@ use super::runtime::threads::{Threads, parallelism};
 use super::runtime::timing::{ModelTiming, RecordedEvents};
 use crate::evaluate::Evaluator;
 use crate::gpu::Choice;
+use crate::lock::lock;
 use crate::log::{RunLog, RunTotals};
 use crate::policy::{Learned, Tally};
 use crate::random::fix_parallelism;
@@ -290,7 +291,7 @@ pub(super) fn run_interleaved(
         })?;
         let mut health = None;
         if let Some(interleaving) = interleaving {
-            // The health of the program is measured by the clock, and there is none where actors take interleaving.
+            // The health of the program is measured by the clock, and there is none where actors take turns.
             interleaving.begin();
         } else {
             let (record, over) = (recorder.clone(), &over);
@@ -306,7 +307,7 @@ pub(super) fn run_interleaved(
         over.store(true, Ordering::Relaxed);
         let _ = health.map(|health| health.join());
         let stamp = status.now().stamp_ns;
-        let failure = failed.lock().unwrap_or_else(PoisonError::into_inner).take();
+        let failure = lock(&failed).take();
         match (&failure, parts.0.as_ref()) {
             (Some(error), _) => {
                 let _ = recorder.diagnostic(Level::Error, stamp, format!("the run ended early: {error}"));
@@ -325,7 +326,7 @@ pub(super) fn run_interleaved(
         Ok((parts, (solvers, exchanged), not_saved, log, failure))
     });
     let ((act, perceive, learn, evaluations), (solvers, exchanged), not_saved, log, failure) = parts?;
-    if let Some(error) = failure.or_else(|| failed.lock().unwrap_or_else(PoisonError::into_inner).take()) {
+    if let Some(error) = failure.or_else(|| lock(&failed).take()) {
         return Err(error);
     }
     let paused = options.controls.map_or(Duration::ZERO, Controls::paused_for);

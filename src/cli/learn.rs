@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use super::drive::write;
 use super::run::{load, within_memory};
-use super::workers::{INTERRUPTED, lock, read_hosts, work_off};
+use super::workers::{INTERRUPTED, read_hosts, work_off};
 use super::{Ending, LearnArgs, MergeArgs, PartArgs, folder, print, print_json};
 use crate::agent::steps::parallelism;
 use crate::agent::{CHECKPOINT_NAME, checkpoint_bytes, peak_resident_bytes, write_checkpoint};
@@ -19,6 +19,7 @@ use crate::learn::{
     Candidates, Dictionary, Job, LeftOut, Log, ManyError, Piece, Recordings, Setting, Sums, Work, first_dictionary,
     merge, model, union,
 };
+use crate::lock::lock;
 use crate::policy::Learned;
 use crate::random::fix_parallelism;
 use crate::replay::Recording;

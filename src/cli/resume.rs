@@ -81,9 +81,9 @@ pub fn go_on(
             }
             None => eprintln!("learning again from {} recorded frames, then going on", Numbered(recording.frames)),
         }
-        for damage in &recording.damage {
-            eprintln!("warning: {damage}");
-        }
+    }
+    for damage in &recording.damage {
+        eprintln!("warning: {damage}");
     }
     let origin = Origin { part: recording.part + 1, ..Origin::default() };
     let mut sizes = Vec::new();

@@ -16,7 +16,7 @@ use crate::world::World;
 /// Longest soak test, hours: ten years.
 const MOST_HOURS: f64 = 87_600.0;
 
-/// Run a scenario for so many hours of driving, watched, and check_rules the run.
+/// Run a scenario for so many hours of driving, watched, and judge the run.
 pub fn soak(args: &SoakArgs, stop: &Arc<AtomicBool>) -> Result<(), Ending> {
     if !(args.hours > 0.0 && args.hours <= MOST_HOURS) {
         return Err(Ending::Usage(format!("--hours {} is not allowed: it must be in (0, {MOST_HOURS}]", args.hours)));

@@ -1,6 +1,6 @@
 //! Trials: from random starts to a goal, many side by side.
 
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock};
 
 use faer::{Mat, Par};
 use nalgebra::Point2;
@@ -9,6 +9,7 @@ use rayon::prelude::*;
 
 use super::{Arrival, Avoided, Circle, TaskResult, WithoutReflexes, draw_pose, wilson_low};
 use crate::evaluate::{OptimalSteps, reference_action};
+use crate::lock::lock;
 use crate::policy::{Learned, Recent, Reflexes, columns, step_between, step_of};
 use crate::random::{fix_parallelism, stream};
 use crate::robot::{Action, ActionSet, ActionValues, Pose};
@@ -183,7 +184,7 @@ impl Evaluator {
             if as_at_first || !plan.reaches_circle(centre, radius) || !plan.leaves_circle(centre, radius) {
                 return course.clone();
             }
-            let mut moved = self.moved.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut moved = lock(&self.moved);
             let known = |known: &&Arc<TrialTask>| {
                 known.task.name == course.task.name && known.task.goal == goal && known.avoid == avoid
             };

@@ -297,9 +297,7 @@ fn text(results: &Results) -> String {
 
 /// Where the files of a folder are written before it is there.
 pub fn part_of(out: &Path) -> PathBuf {
-    let mut name = out.as_os_str().to_owned();
-    name.push(format!(".{}.part", std::process::id()));
-    PathBuf::from(name)
+    out.with_added_extension(format!("{}.part", std::process::id()))
 }
 
 /// Put the tables of experiments that were done into a folder, each under its name, on one page there, `experiments.md`.

@@ -143,9 +143,8 @@ fn whole<R: DeserializeOwned>(text: &str) -> Result<(R, Option<String>), String>
 /// Rename a damaged file, so that nothing is overwritten.
 fn put_aside(path: &Path) -> Result<PathBuf, ExperimentError> {
     for number in 1.. {
-        let mut name = path.as_os_str().to_owned();
-        name.push(if number == 1 { ".damaged".to_owned() } else { format!(".damaged-{number}") });
-        let aside = PathBuf::from(name);
+        let aside =
+            path.with_added_extension(if number == 1 { "damaged".to_owned() } else { format!("damaged-{number}") });
         if !aside.exists() {
             std::fs::rename(path, &aside).map_err(ExperimentError::file("rename", path))?;
             return Ok(aside);
@@ -156,11 +155,9 @@ fn put_aside(path: &Path) -> Result<PathBuf, ExperimentError> {
 
 /// Write a file such that it is whole or not there, whoever else writes it.
 fn write_whole(path: &Path, text: &str) -> Result<(), ExperimentError> {
-    let mut name = path.as_os_str().to_owned();
     // On machines that share the folder, processes may have the same number.
     let now = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos());
-    name.push(format!(".{}-{now}.part", std::process::id()));
-    let part = PathBuf::from(name);
+    let part = path.with_added_extension(format!("{}-{now}.part", std::process::id()));
     std::fs::write(&part, text).map_err(ExperimentError::file("write", &part))?;
     std::fs::rename(&part, path).map_err(ExperimentError::file("write", path))
 }

@@ -5,7 +5,7 @@ use std::convert::Infallible;
 use std::net::SocketAddr;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
 use http_body_util::{BodyExt, Full, Limited};
@@ -19,6 +19,7 @@ use super::{LOST, STANDING, Standing, Welcome};
 use crate::agent::{Batch, CheckpointError, LearnError};
 use crate::live::SetWhenDropped;
 use crate::live::serve::{self, Guard, ServeError, listen, random_token, refused, response};
+use crate::lock::lock;
 use crate::scenario::{Mode, Scenario};
 
 /// Most bytes of a batch, and longest time for it.
@@ -106,7 +107,7 @@ struct State {
 
 impl Hub {
     fn state(&self) -> MutexGuard<'_, State> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.state)
     }
 }
 

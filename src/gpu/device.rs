@@ -1,6 +1,6 @@
 //! An open graphics processor.
 
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock};
 
 use wgpu::{
     Adapter, Backends, Device, DeviceDescriptor, DeviceType, DownlevelFlags, ErrorFilter, Instance, InstanceDescriptor,
@@ -8,6 +8,7 @@ use wgpu::{
 };
 
 use super::{Adapters, GpuError, SETTING};
+use crate::lock::lock;
 
 /// An open graphics processor.
 #[derive(Debug)]
@@ -55,7 +56,7 @@ impl Gpu {
             .map_err(|cause| GpuError::Open { name: name.clone(), cause: cause.to_string() })?;
         let failure = Arc::new(Mutex::new(None));
         let note = |failure: &Arc<Mutex<Option<String>>>, cause: String| {
-            failure.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(cause);
+            lock(&failure).get_or_insert(cause);
         };
         let at_error = failure.clone();
         // Without this an error of the driver would end the program.
@@ -117,7 +118,7 @@ impl Gpu {
     /// # Errors
     /// What went wrong first.
     pub fn check(&self) -> Result<(), GpuError> {
-        match self.failure.lock().unwrap_or_else(PoisonError::into_inner).clone() {
+        match lock(&self.failure).clone() {
             Some(cause) => Err(self.failed(cause)),
             None => Ok(()),
         }
@@ -161,7 +162,7 @@ impl Gpu {
 
     /// Keep what went wrong, if it is the first thing.
     fn note(&self, cause: String) {
-        self.failure.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(cause);
+        lock(&self.failure).get_or_insert(cause);
     }
 
     /// Refuse a device that lacks an ability.
@@ -226,7 +227,7 @@ pub(crate) mod tests {
     /// A device, in software if need be (see `tests/common`).
     pub(crate) fn device() -> Option<(MutexGuard<'static, ()>, Arc<Gpu>)> {
         static TURN: Mutex<()> = Mutex::new(());
-        let turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
+        let turn = lock(&TURN);
         match Gpu::open(Adapters::Any) {
             Ok(gpu) => Some((turn, gpu)),
             Err(error) => {

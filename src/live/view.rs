@@ -315,7 +315,7 @@ impl Watcher {
             phase: self.phase(controls),
             quiet_seconds: self.follower.quiet_for().as_secs_f64(),
             frame: gathered.last_frame,
-            actions: gathered.actions.iter().sum(),
+            actions: gathered.actions,
             planned: scenario.map(|scenario| scenario.actions as u64),
             seconds: gathered.seconds(),
             epoch: gathered.epoch,

@@ -239,25 +239,50 @@ impl Learned {
         weights: Vec<Mat<f64>>,
     ) -> Result<Self, PolicyError> {
         let values = Values::Linear(PixelValues::new(&model, &weights)?);
-        let (goals, regions, map, map_points) = (Vec::new(), Vec::new(), None, None);
-        let (instances, heedless, rare) = (None, Vec::new(), Vec::new());
-        Ok(Learned {
+        Ok(Learned::bare((epoch, asked_at, frames), model, weights, values))
+    }
+
+    /// With nothing but values.
+    fn bare(
+        (epoch, asked_at, frames): (u32, u64, u64),
+        model: SlowModel<f32>,
+        weights: Vec<Mat<f64>>,
+        values: Values,
+    ) -> Self {
+        Learned {
             epoch,
             asked_at,
             frames,
             model,
             weights,
-            heedless,
-            rare,
-            instances,
-            goals,
-            map,
+            heedless: Vec::new(),
+            rare: Vec::new(),
+            instances: None,
+            goals: Vec::new(),
+            map: None,
             places: None,
-            regions,
+            regions: Vec::new(),
             at_goal: Vec::new(),
             values,
-            map_points,
-        })
+            map_points: None,
+        }
+    }
+
+    /// Features with local values where there are instances, as [`local`](Self::local), else with linear ones, as [`new`](Self::new).
+    ///
+    /// # Errors
+    /// As of these.
+    pub(crate) fn of(
+        (epoch, asked_at, frames): (u32, u64, u64),
+        model: SlowModel<f32>,
+        weights: Vec<Mat<f64>>,
+        instances: Option<Arc<Instances>>,
+        places: Option<PlaceMetric>,
+    ) -> Result<Self, PolicyError> {
+        match instances {
+            None => Learned::new(epoch, asked_at, frames, model, weights),
+            Some(instances) => Learned::local(epoch, asked_at, frames, model, instances, weights, places),
+        }
     }
 
     /// Features with local values: where actions were tried, as [`points`](super::points) of the model, and what each
@@ -292,23 +317,8 @@ impl Learned {
         let most = |of_task: &Mat<f64>| of_task.col(0).iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let at_goal = worth.iter().map(most).collect();
         let values = Values::Local(PixelPoints::new(&model, metric::weights(&model, found).as_ref())?);
-        Ok(Learned {
-            epoch,
-            asked_at,
-            frames,
-            model,
-            weights: worth,
-            heedless: Vec::new(),
-            rare: Vec::new(),
-            instances: Some(instances),
-            goals: Vec::new(),
-            map: None,
-            places,
-            regions: Vec::new(),
-            at_goal,
-            values,
-            map_points: None,
-        })
+        let bare = Learned::bare((epoch, asked_at, frames), model, worth, values);
+        Ok(Learned { instances: Some(instances), places, at_goal, ..bare })
     }
 
     /// The same, fitted for goals with these centres, by task.
@@ -358,15 +368,10 @@ impl Learned {
 
     /// The same with values that were fitted as if nothing was to be avoided, where there are such.
     pub fn without_avoiding(&self) -> Option<Self> {
-        let (epoch, asked_at, frames, model) = (self.epoch, self.asked_at, self.frames, self.model.clone());
         let weights = Some(self.heedless.clone()).filter(|weights| !weights.is_empty())?;
-        let heedless = match &self.instances {
-            None => Learned::new(epoch, asked_at, frames, model, weights),
-            Some(instances) => {
-                let places = self.places.as_ref().map(PlaceMap::metric);
-                Learned::local(epoch, asked_at, frames, model, instances.clone(), weights, places)
-            }
-        };
+        let (model, places) = (self.model.clone(), self.places.as_ref().map(PlaceMap::metric));
+        let heedless =
+            Learned::of((self.epoch, self.asked_at, self.frames), model, weights, self.instances.clone(), places);
         let goal_places = self.places.as_ref().map_or(Vec::new(), |map| map.goals().to_vec());
         let heedless = heedless.ok()?.for_goals(self.goals.clone()).with_goal_places(goal_places);
         heedless.with_regions(self.map.clone(), self.regions.clone()).ok()

@@ -164,10 +164,9 @@ fn basis(material: &Material<'_>) -> String {
     if !gathered.is_own() {
         return format!("The log is {minutes:.1} minutes long, in {} files.", gathered.files);
     }
-    let [forward, left, right] = gathered.actions;
     let mut text = format!(
         "It drove {} actions in {minutes:.0} minutes by the log's clock and saw {} frames",
-        Numbered(forward + left + right),
+        Numbered(gathered.actions),
         Numbered(gathered.frames)
     );
     if let Some((_, size)) = gathered.growth.iter().last() {

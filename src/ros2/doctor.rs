@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use super::graph::{Domain, End, Graph, LinkError, kinds, sensor_qos};
 use super::listen::Threads;
-use super::lock;
+use crate::lock::lock;
 use crate::log::Message;
 use crate::log::messages::{self as msg, foreign};
 use crate::scenario::Ros2;
@@ -199,8 +199,7 @@ impl Doctor {
         for (topic, heard) in &self.heard {
             if let Some(reason) = &heard.unusable {
                 find(true, format!("{topic}: {reason}"));
-            }
-            if heard.messages == 0 {
+            } else if heard.messages == 0 {
                 find(true, format!("{topic} is published, and nothing comes: a firewall, or quality of service"));
             }
             if let Some(ahead) = heard.stamps_ahead_s.filter(|ahead| ahead.abs() > 0.5) {

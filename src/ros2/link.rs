@@ -8,13 +8,13 @@ use crossbeam_channel::{Receiver, bounded, select, unbounded};
 
 use super::graph::{LOOK_INTERVAL, LinkError};
 use super::listen::leave;
-use super::lock;
 use super::losses::Losses;
 use super::pace::Pace;
 use super::sensors::Shared;
 use super::voice::{Mind, NewEnds, Voice};
 use super::watchdog::Watchdog;
 use super::wire::{Commands, Join, Wire};
+use crate::lock::lock;
 use crate::robot::Velocity;
 use crate::scenario::{Equipment, Ros2, Scenario};
 use crate::source::live::{Base, Reading, Received};
@@ -126,10 +126,10 @@ impl Link {
         let camera = &self.settings.topic(&self.settings.camera);
         while self.images.is_empty() {
             self.watchdog.beat();
+            // Other topics may be refused, too, and no image waits for them.
             let refused = lock(&self.shared.refused).clone();
-            if let Some(reason) = refused {
-                let reason = reason.trim_start_matches(&format!("{camera}: ")).to_owned();
-                return Err(LinkError::Camera { topic: camera.to_owned(), reason });
+            if let Some(reason) = refused.as_deref().and_then(|text| text.strip_prefix(&format!("{camera}: "))) {
+                return Err(LinkError::Camera { topic: camera.to_owned(), reason: reason.to_owned() });
             }
             if Instant::now() >= until {
                 let reason = "it is there, and no image comes".to_owned();

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 
-use super::lock;
+use crate::lock::lock;
 
 /// Messages that came and were not taken in time, or could not be used, by topic.
 #[derive(Debug, Clone, Default)]

@@ -25,8 +25,3 @@ pub use link::Link;
 pub use request::{Progress, Request};
 pub use said::{Colour, DiagnosticStatus, KeyValue, Marker};
 pub use voice::Voice;
-
-/// What a thread that panicked has left is used all the same.
-fn lock<T>(of: &std::sync::Mutex<T>) -> std::sync::MutexGuard<'_, T> {
-    of.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
-}

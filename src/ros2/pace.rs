@@ -3,7 +3,7 @@
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-use super::lock;
+use crate::lock::lock;
 
 /// A simulator's clock is compared with ours over so much of our time.
 const COMPARED: Duration = Duration::from_millis(250);

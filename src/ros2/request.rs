@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, Mutex};
 
-use super::lock;
+use crate::lock::lock;
 
 /// What the network asks of a run.
 #[derive(Debug, Clone, PartialEq)]

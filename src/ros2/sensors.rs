@@ -8,10 +8,10 @@ use crossbeam_channel::{Receiver, Sender, TrySendError};
 use super::frames::Frames;
 use super::graph::{Graph, LinkError, reliable_qos, sensor_qos};
 use super::listen::Ear;
-use super::lock;
 use super::losses::Losses;
 use super::pace::Pace;
 use super::voice::Mind;
+use crate::lock::lock;
 use crate::log::Message;
 use crate::log::messages::{self as msg, foreign};
 use crate::log::topics::MARK;
@@ -86,7 +86,7 @@ impl Shared {
         }
     }
 
-    /// Something came that cannot be used: counted, and told where the one before was of use, or the reason was another one.
+    /// Something came that cannot be used: counted, and told unless it was the last one that was told.
     fn refuse(&self, topic: &str, reason: String) {
         self.losses.add(topic);
         let text = format!("{topic}: {reason}");

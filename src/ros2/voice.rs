@@ -9,7 +9,6 @@ use serde::{Deserialize, Serialize};
 
 use super::graph::{Domain, Graph, LinkError, reliable_qos};
 use super::listen::{Ear, Threads, answers, leave};
-use super::lock;
 use super::losses::Losses;
 use super::navigate::navigate;
 use super::request::{Errand, Progress, Request};
@@ -17,6 +16,7 @@ use super::said::{
     DiagnosticArray, DiagnosticStatus, KeyValue, MapMetaData, Marker, MarkerArray, MessagesLostEvent,
     MessagesLostEventTopicStat, OccupancyGrid,
 };
+use crate::lock::lock;
 use crate::log::Message;
 use crate::log::messages::{self as msg, foreign};
 use crate::scenario::{Ros2, Scenario};

@@ -1,13 +1,14 @@
 //! What can be seen of a run from outside: memory, files, queues, latencies, the log.
 
 use std::path::{Path, PathBuf};
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use serde::Serialize;
 
 use crate::agent::{Status, resident_bytes};
+use crate::lock::lock;
 use crate::log::log_files;
 
 /// Samples of a whole run.
@@ -93,7 +94,7 @@ impl Sampler {
                 epoch: now.epoch,
                 dropped: now.dropped,
             };
-            self.samples.lock().unwrap_or_else(PoisonError::into_inner).push(sample);
+            lock(&self.samples).push(sample);
             if ends {
                 return;
             }
@@ -102,7 +103,7 @@ impl Sampler {
 
     /// All samples so far.
     pub fn samples(&self) -> Vec<Sample> {
-        self.samples.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        lock(&self.samples).clone()
     }
 
     fn log_bytes(&self) -> u64 {

@@ -1,12 +1,13 @@
 //! Who renders many views at once: each processor core one view after the other, or a graphics processor all of them.
 
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock};
 use std::time::{Duration, Instant};
 
 use super::Camera;
 use super::eye::{Viewpoint, on_all_threads};
 use super::views::Views;
 use crate::gpu::{Choice, Gpu, GpuError};
+use crate::lock::lock;
 use crate::scenario::Renderer;
 use crate::vision::Image;
 
@@ -66,7 +67,7 @@ impl Batch {
     /// What was chosen; `None` as long as nothing was.
     pub fn by(&self) -> Option<Choice> {
         let chosen = self.chosen.get()?;
-        Some(chosen.by.lock().unwrap_or_else(PoisonError::into_inner).clone())
+        Some(lock(&chosen.by).clone())
     }
 
     /// Whether a device may be the better choice for so many views, as far as that is known.
@@ -87,14 +88,14 @@ impl Batch {
         self.prepare();
         let chosen = self.chosen.get_or_init(|| choose(camera, eyes));
         let Some(gpu) = &chosen.gpu else { return false };
-        let mut views = chosen.views.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut views = lock(&chosen.views);
         if self.by().is_some_and(|by| !by.is_device()) {
             return false;
         }
         let done = render(gpu, &mut views, number, camera, eyes, images);
         if let Err(error) = &done {
             views.clear();
-            chosen.by.lock().unwrap_or_else(PoisonError::into_inner).failed = Some(error.to_string());
+            lock(&chosen.by).failed = Some(error.to_string());
         }
         done.is_ok()
     }

@@ -37,8 +37,9 @@ pub use mover::Mover;
 pub use sensor::Sensor;
 pub use simulated::Simulated;
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
+use crate::lock::lock;
 use crate::scenario::{Plan, Scenario};
 
 /// A scenario's world. Places do not change; how they look may, at given frames, and what can be pushed lies where the run's robot
@@ -71,12 +72,12 @@ impl World {
 
     /// Where each thing that can be pushed lies, metres: where trials find it.
     pub fn movables(&self) -> Vec<[f64; 2]> {
-        self.movables.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        lock(&self.movables).clone()
     }
 
     /// The things that can be pushed lie here now; places of another number of things are not taken.
     pub fn set_movables(&self, places: Vec<[f64; 2]>) {
-        let mut movables = self.movables.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut movables = lock(&self.movables);
         if places.len() == movables.len() {
             *movables = places;
         }

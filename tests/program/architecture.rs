@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use crate::common::package_file;
 
 /// The rooms: none imports one that stands after it.
-const ROOMS: &str = "random snapshot kernel dictionary regression slow value log gpu robot scenario vision policy source ros2 world \
+const ROOMS: &str = "random snapshot lock kernel dictionary regression slow value log gpu robot scenario vision policy source ros2 world \
     evaluate agent replay learn export report live fleet experiment soak cli";
 /// Rooms that import only each other, and these rooms and crates.
 const PURE: &str = "kernel dictionary regression slow value";

@@ -419,7 +419,7 @@ impl ActLoop<'_> {
         }
     }
 
-    /// Begin to saved the state of the run: between two actions, with no model being made. In lockstep that is waited for;
+    /// Begin to save the state of the run: between two actions, with no model being made. In lockstep that is waited for;
     /// otherwise no more models are asked for until it is so.
     fn begin_snapshot(
         &self,

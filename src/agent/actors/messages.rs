@@ -91,7 +91,7 @@ pub struct FitRequest {
     pub marks: Vec<Marked>,
 }
 
-/// From fit to act and assess: the answer to one request.
+/// From fit to act and evaluate: the answer to one request.
 #[derive(Debug, Clone)]
 pub struct Update {
     /// The frame at which it was asked for.

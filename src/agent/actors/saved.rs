@@ -61,18 +61,8 @@ pub fn learned(snapshot: &mut Snapshot, name: &str, learned: &mut Option<Arc<Lea
         let mut regions = of.map_or(Vec::new(), |of| of.regions.clone());
         goal_regions(snapshot, &mut regions)?;
         if let Some(model) = model.filter(|_| snapshot.is_restoring()) {
-            let restored = match instances {
-                None => Learned::new(epoch, asked_at, frames, model, weights),
-                Some(instances) => Learned::local(
-                    epoch,
-                    asked_at,
-                    frames,
-                    model,
-                    instances,
-                    weights,
-                    metric.map(PlaceMetric::from_bits),
-                ),
-            };
+            let places = metric.map(PlaceMetric::from_bits);
+            let restored = Learned::of((epoch, asked_at, frames), model, weights, instances, places);
             let goal = |bits: [u64; 2]| Some(bits.map(f64::from_bits)).filter(|goal| !goal[0].is_nan());
             let restored =
                 restored.map(|learned| learned.with_heedless(heedless).with_rare(rare).with_goal_places(goal_places));

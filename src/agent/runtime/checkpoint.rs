@@ -242,10 +242,7 @@ pub fn read_checkpoint(bytes: &[u8], path: &Path) -> Result<(Learned, Scenario),
     let metric = metadata.get("place_metric").map(|text| serde_json::from_str::<Option<[u64; 6]>>(text));
     let metric = metric.transpose().map_err(|e| damaged(format!("place_metric: {e}")))?.flatten();
     let metric = metric.map(PlaceMetric::from_bits);
-    let learned = match instances {
-        None => Learned::new(epoch, asked_at, frames, model, weights),
-        Some(instances) => Learned::local(epoch, asked_at, frames, model, instances, weights, metric),
-    };
+    let learned = Learned::of((epoch, asked_at, frames), model, weights, instances, metric);
     // No goals are shown in the checkpoints of earlier versions.
     let within = metadata.get("region_bits").map(|text| serde_json::from_str::<Vec<Option<[u64; 2]>>>(text));
     let within = within.transpose().map_err(|e| damaged(format!("region_bits: {e}")))?.unwrap_or_default();

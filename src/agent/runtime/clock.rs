@@ -52,7 +52,7 @@ impl Clock {
         result
     }
 
-    /// SnapshotSettings a duration.
+    /// Keep a duration.
     pub fn keep(&mut self, duration: Duration) {
         self.durations.saturating_record(duration.as_micros() as u64);
     }

@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 
 use thiserror::Error;
 
+use crate::lock::lock;
 use crate::policy::Goto;
 use crate::robot::Action;
 use crate::source::live::Switches;
@@ -222,7 +223,7 @@ impl Controls {
 
     /// Whoever asks and panics must not take the run down.
     fn lock(&self) -> MutexGuard<'_, State> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.state)
     }
 }
 

@@ -1,16 +1,18 @@
-//! Actors that take interleaving: only one of them runs at a time, and a seeded generator says which.
+//! Actors that take turns: only one of them runs at a time, and a seeded generator says which.
 //!
 //! The threads of a run wait for each other in their queues alone, so every order in which they can do things is an order of
 //! queue operations. Here each operation is a point where another actor may go first. A seed gives the same order every time,
 //! on every machine: what goes wrong once can be looked at again.
 
 use std::cell::Cell;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::thread::Thread;
 use std::time::Duration;
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
+
+use crate::lock::lock;
 
 /// What an actor is up to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -166,7 +168,7 @@ impl Interleaving {
     }
 
     fn lock(&self) -> MutexGuard<'_, State> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.state)
     }
 }
 

@@ -39,7 +39,7 @@ impl Marker {
     }
 }
 
-/// How quiescence the solvers are, between the actor that asks for models and the one that acts on them.
+/// How quiet the solvers are, between the actor that asks for models and the one that acts on them.
 #[derive(Default)]
 pub struct Quiescence {
     /// No models are to be asked for, where that is not fixed: the state of the run is to be saved.

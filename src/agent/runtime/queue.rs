@@ -45,7 +45,7 @@ pub struct Inbox<T> {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Closed;
 
-/// A queue for at most `capacity` messages; `interleaving`: the actors that use it take interleaving.
+/// A queue for at most `capacity` messages; `interleaving`: the actors that use it take turns.
 pub fn queue<T>(
     name: &'static str,
     capacity: usize,
@@ -176,7 +176,7 @@ impl<T> Inbox<T> {
         }
     }
 
-    /// Take the next message, waiting for it no longer than `limit`; where actors take interleaving, there is no time.
+    /// Take the next message, waiting for it no longer than `limit`; where actors take turns, there is no time.
     pub fn take_within(&self, limit: Duration) -> Result<Option<T>, Closed> {
         if self.interleaving.0.is_some() {
             return self.take().map(Some);

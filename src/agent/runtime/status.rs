@@ -3,6 +3,7 @@
 use std::sync::{Arc, Mutex};
 
 use super::queue::Gauge;
+use crate::lock::lock;
 use crate::policy::Tally;
 
 /// A view of a run at one moment.
@@ -62,11 +63,6 @@ impl Status {
     pub(in crate::agent) fn watch(&self, gauge: Gauge) {
         lock(&self.gauges).push(gauge);
     }
-}
-
-/// A watcher that panicked must not take the run down with it.
-fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
 }
 
 /// Memory that this process holds now, bytes; `None` where the system does not say.

@@ -1,13 +1,14 @@
 //! Threads for the actors; the first error of any of them is kept.
 
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::thread::{Builder, Scope, ScopedJoinHandle};
 
 use faer::Par;
 
 use super::interleaving::Interleaving;
 use crate::agent::error::RunError;
+use crate::lock::lock;
 use crate::scenario;
 
 /// Threads for the matrix products of an actor. Their bits do not depend on it.
@@ -21,7 +22,7 @@ pub struct Threads<'scope, 'env> {
     pub failed: &'scope Mutex<Option<RunError>>,
     /// Set with the first error, so that the run ends at the next decision.
     pub ended: &'scope AtomicBool,
-    /// The actors take interleaving.
+    /// The actors take turns.
     pub interleaving: Option<&'env Arc<Interleaving>>,
 }
 
@@ -46,7 +47,7 @@ impl<'scope> Threads<'scope, '_> {
                     RunError::Panic(name, text.unwrap_or_default())
                 }
             };
-            failed.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
+            lock(&failed).get_or_insert(error);
             ended.store(true, Ordering::Relaxed);
             None
         };

@@ -20,7 +20,7 @@ use std::net::{SocketAddr, TcpListener};
 use std::path::Path;
 use std::pin::pin;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
 use http_body_util::Full;
@@ -41,6 +41,7 @@ pub use guard::{Guard, TokenError};
 use super::SetWhenDropped;
 use super::view::{View, Watcher};
 use crate::agent::Controls;
+use crate::lock::lock;
 use crate::scenario::{Plan, Scenario};
 use crate::source::GoalMove;
 use crate::world::World;
@@ -139,16 +140,16 @@ struct Shared {
 
 impl Shared {
     fn published(&self) -> MutexGuard<'_, Published> {
-        self.published.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.published)
     }
 
     fn is_asked(&self) -> bool {
-        let asked = *self.asked.lock().unwrap_or_else(PoisonError::into_inner);
+        let asked = *lock(&self.asked);
         asked.is_some_and(|asked| asked.elapsed() < PRESENT)
     }
 
     fn ask(&self) {
-        *self.asked.lock().unwrap_or_else(PoisonError::into_inner) = Some(Instant::now());
+        *lock(&self.asked) = Some(Instant::now());
     }
 }
 

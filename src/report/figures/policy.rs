@@ -112,7 +112,7 @@ fn room(material: &Material<'_>, room_maps: &RoomMaps, task: usize, name: &str) 
     Ok(Figure::new(file_name("room", task, name), &title, caption, svg))
 }
 
-/// Arrows at an even selection of the room_maps's places, outside of the goal.
+/// Arrows at an even selection of the map's places, outside of the goal.
 fn arrows(material: &Material<'_>, room_maps: &RoomMaps, task: usize, worth: &[(f64, usize)]) -> Vec<Mark> {
     let (grid, Some(room)) = (room_maps.grid, &material.room) else { return Vec::new() };
     let every = grid.columns.max(grid.rows).div_ceil(ARROWS).max(1);
@@ -201,7 +201,7 @@ pub fn label(heading: usize) -> String {
     format!("heading {:.0}°", angle(heading).to_degrees())
 }
 
-/// Panels on the room_maps's grid.
+/// Panels on the map's grid.
 fn drawing(material: &Material<'_>, title: &str, room_maps: &RoomMaps, panels: Vec<Panel>) -> Panels {
     let corners = material.corners().unwrap_or((room_maps.grid.low, room_maps.grid.high));
     Panels { grid: Some(room_maps.grid), ..Panels::new(title, corners, panels) }

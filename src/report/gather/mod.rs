@@ -17,7 +17,7 @@ use nalgebra::Point2;
 
 use crate::log::messages::{
     Decision, DictionaryGrowth, Evaluation, FrameTaken, GoalMoved, Health, Image, Log, ModelUpdate, PoseStamped,
-    Prospect, PursuitEnded, Text, Transition,
+    Prospect, PursuitEnded, Text,
 };
 use crate::log::writer::METADATA_NAME;
 use crate::log::{FilesReader, LogError, Record, topics};
@@ -52,7 +52,7 @@ pub struct Gathered {
     pub topics: BTreeMap<String, TopicSeen>,
     /// First and last stamp, nanoseconds.
     pub stamps_ns: Option<(u64, u64)>,
-    /// Files, and those of them that were not closed.
+    /// Files.
     pub files: usize,
     /// Whether the last file was closed.
     pub closed: bool,
@@ -68,12 +68,8 @@ pub struct Gathered {
     pub first_frame: Option<u64>,
     /// Number of the last frame.
     pub last_frame: u64,
-    /// Actions of each kind that were done.
-    pub actions: [u64; 3],
-    /// Of them, how many were blocked.
-    pub blocked: u64,
-    /// Decisions while exploring, while pursuing a task, and those that a reflex changed.
-    pub decided: [u64; 3],
+    /// Actions that were done.
+    pub actions: u64,
     /// Poses.
     pub poses: u64,
     /// The end of the way, frame by frame.
@@ -326,14 +322,8 @@ impl Gathered {
             let decision: Decision = record.decode()?;
             // A pursuit that was called off.
             self.begun.take_if(|begun| begun.task != decision.task);
-            self.decided[usize::from(decision.behaviour == Decision::PURSUE)] += 1;
-            self.decided[2] += u64::from(decision.reflex);
         } else if is(topics::TRANSITION.name()) {
-            let transition: Transition = record.decode()?;
-            self.blocked += u64::from(transition.blocked);
-            if let Some(count) = self.actions.get_mut(usize::from(transition.action)) {
-                *count += 1;
-            }
+            self.actions += 1;
         } else if is(topics::DICTIONARY.name()) {
             self.grew(&record.decode()?);
         } else if is(topics::MODEL.name()) {

@@ -1,13 +1,14 @@
 //! The loop of control on a thread of its own: it goes on whatever the actors do.
 
 use std::sync::atomic::Ordering;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, TryRecvError, unbounded};
 
 use super::{Base, Live, Switches};
+use crate::lock::lock;
 use crate::robot::Action;
 use crate::snapshot::{Snapshot, SnapshotError};
 use crate::source::{Frame, Journal, Source, give_until_boundary};
@@ -83,7 +84,7 @@ fn control<B: Base>(
     journal: Arc<Mutex<Option<Journal>>>,
 ) {
     live.journal = Some(Box::new(move |event| {
-        if let Some(journal) = journal.lock().unwrap_or_else(PoisonError::into_inner).as_ref() {
+        if let Some(journal) = lock(&journal).as_ref() {
             journal(event);
         }
     }));
@@ -134,7 +135,7 @@ impl Source for Threaded {
     }
 
     fn keep_journal(&mut self, journal: Option<Journal>) {
-        *self.journal.lock().unwrap_or_else(PoisonError::into_inner) = journal;
+        *lock(&self.journal) = journal;
     }
 
     fn persist(&mut self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
