@@ -1,6 +1,7 @@
 """Promise: a recorded run opens as the arrays that ``adagio export`` writes, and its model says the same of images."""
 
 import json
+import re
 import tempfile
 import time
 
@@ -41,6 +42,13 @@ def test_it_holds_what_an_export_holds(recorded, tmp_path):
     assert run.frames["q_values"].shape == (1201, 1, 4) and run.decisions["q_values"].shape == (1200, 4)
     with pytest.raises(RuntimeError, match="value.places"):
         assert run.places
+
+
+def test_a_report_counts_actions_of_every_kind(recorded, tmp_path):
+    program("report", recorded[1], "--out", tmp_path / "report")
+    counted = re.search(r"It drove ([\d\s]+) actions", (tmp_path / "report" / "report.html").read_text())[1]
+    taken = adagio.open(recorded[1]).transitions["action"]
+    assert set(taken) == {0, 1, 2, 3} and int("".join(counted.split())) == len(taken)
 
 
 def test_no_files_are_left(recorded, tmp_path, monkeypatch):

@@ -211,18 +211,22 @@ fn actions_of_another_program_have_names_and_inverses() {
 }
 
 #[test]
-fn a_building_of_three_rooms_tells_places_unless_the_scenario_says_otherwise() {
+fn a_building_of_three_rooms_tells_places_of_all_its_actions_unless_the_scenario_says_otherwise() {
     let building = |rooms: usize| {
         let room =
             |k: usize| format!("[[world.room]]\nname = \"room {k}\"\ncorners = [[{k}.0, 0.0], [{}.0, 4.0]]\n", k + 1);
         (0..rooms).map(room).collect::<String>() + TASK
     };
-    let places = |rooms: usize, sets: &[&str]| {
+    let value = |rooms: usize, sets: &[&str]| {
         let sets: Vec<String> = sets.iter().map(|&set| set.to_owned()).collect();
-        Scenario::parse(&building(rooms), Path::new("test.toml"), &sets).unwrap().value.places
+        Scenario::parse(&building(rooms), Path::new("test.toml"), &sets).unwrap().value
     };
+    let places = |rooms: usize, sets: &[&str]| value(rooms, sets).places;
     assert!(!places(2, &[]) && places(3, &[]) && places(4, &[]));
     assert!(places(2, &["value.places=true"]) && !places(3, &["value.places=false"]));
+    let window = |rooms: usize, sets: &[&str]| value(rooms, sets).window;
+    assert_eq!([100, 30_000, 200_000].map(|n| window(3, &[&format!("actions={n}")])), [20_000, 30_000, 100_000]);
+    assert_eq!((window(2, &["actions=30000"]), window(3, &["actions=30000", "value.window=500"])), (20_000, 500));
 }
 
 #[test]
