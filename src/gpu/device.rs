@@ -56,7 +56,7 @@ impl Gpu {
             .map_err(|cause| GpuError::Open { name: name.clone(), cause: cause.to_string() })?;
         let failure = Arc::new(Mutex::new(None));
         let note = |failure: &Arc<Mutex<Option<String>>>, cause: String| {
-            lock(&failure).get_or_insert(cause);
+            lock(failure).get_or_insert(cause);
         };
         let at_error = failure.clone();
         // Without this an error of the driver would end the program.

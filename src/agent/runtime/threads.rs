@@ -47,7 +47,7 @@ impl<'scope> Threads<'scope, '_> {
                     RunError::Panic(name, text.unwrap_or_default())
                 }
             };
-            lock(&failed).get_or_insert(error);
+            lock(failed).get_or_insert(error);
             ended.store(true, Ordering::Relaxed);
             None
         };
