@@ -420,7 +420,7 @@ fn drives_through(domain: u16, program: &str, arguments: &[&str], sets: &[&str])
 #[test]
 fn a_room_of_miniworld_is_learned_while_it_is_driven() {
     let sets = [
-        "actions=1000",
+        "actions=1400",
         "policy.explore_share=0.7",
         "policy.explore_length=10",
         "policy.pursue_share=1.0",
