@@ -183,6 +183,12 @@ impl Slow {
 impl Value {
     /// `rooms`: how many there are in the world; `actions`: those of the run.
     pub(super) fn read(s: &mut Section<'_, '_>, rooms: usize, actions: usize) -> Self {
+        let method = s.choice(
+            "method",
+            &[("local", Method::Local), ("lspi", Method::Lspi)],
+            "values by regression on transitions nearby, or linear in all features",
+        );
+        let gamma = s.number("gamma", 0.9, "per action", within(0.0, 0.9999), "discount");
         let places = s.flag(
             "places",
             rooms >= SEVERAL_ROOMS,
@@ -191,12 +197,8 @@ impl Value {
         // A map has only what the window holds: who forgets half of a building can no longer go there.
         let window = if places { actions.clamp(WINDOW, MOST_OF_MAP) } else { WINDOW };
         Value {
-            method: s.choice(
-                "method",
-                &[("local", Method::Local), ("lspi", Method::Lspi)],
-                "values by regression on transitions nearby, or linear in all features",
-            ),
-            gamma: s.number("gamma", 0.9, "per action", within(0.0, 0.9999), "discount"),
+            method,
+            gamma,
             window: s.count(
                 "window",
                 window,
