@@ -16,7 +16,7 @@ use super::run::run_interleaved;
 use super::runtime::interleaving::Interleaving;
 use super::runtime::marker::SnapshotSettings;
 use super::{Outcome, RecordedEvents, RunOptions, Status};
-use crate::log::messages::{Decision, FrameTaken, ModelRequest, ModelUpdate};
+use crate::log::messages::{Decision, DictionaryGrowth, FrameTaken, ModelRequest, ModelUpdate};
 use crate::log::run::{NullStorage, Repeating};
 use crate::log::{Expected, LogOptions, LogReader, Record, Rotation, RunLog, Storage, topics};
 use crate::random::stream;
@@ -173,6 +173,9 @@ struct LogContents {
     requests: Vec<ModelRequest>,
     models: Vec<ModelUpdate>,
     warnings: usize,
+    /// The last frame of each block behind the end.
+    finishing: Vec<u64>,
+    ended: bool,
 }
 
 fn said(log: &Memory) -> LogContents {
@@ -184,6 +187,8 @@ fn said(log: &Memory) -> LogContents {
         requests: Vec::new(),
         models: Vec::new(),
         warnings: 0,
+        finishing: Vec::new(),
+        ended: false,
     };
     for record in LogReader::new(std::io::Cursor::new(bytes), "memory") {
         let record = record.expect("a whole log");
@@ -198,6 +203,10 @@ fn said(log: &Memory) -> LogContents {
             all.requests.push(record.decode().unwrap());
         } else if is(topics::MODEL.name()) {
             all.models.push(record.decode().unwrap());
+        } else if is(topics::END.name()) {
+            all.ended = true;
+        } else if is(topics::DICTIONARY.name()) && all.ended {
+            all.finishing.push(record.decode::<DictionaryGrowth>().unwrap().last_frame);
         } else if is(topics::DIAGNOSTICS.name()) {
             let text: crate::log::messages::Log = record.decode().unwrap();
             all.warnings += usize::from(text.msg.starts_with("no model"));
@@ -296,6 +305,9 @@ fn in_realtime_every_order_adds_up_and_is_repeated_from_its_log() {
         assert!(drops || outcome.dropped == 0);
         assert_eq!(given, 5 * outcome.actions + 1);
         assert_eq!(said.frames.last(), Some(&(given - 1)), "the last frame of an action is never dropped");
+        // Behind the end is only what finishes the run: a run that goes on does not hold to it, and has learned all else.
+        assert!(said.ended && said.finishing.len() <= 1, "{:?}", said.finishing);
+        assert!(said.finishing.iter().all(|&last| last == given - 1), "{:?}", said.finishing);
         // One decision for each action, at the frame after the one before.
         let decided: Vec<(u64, u64)> = said.decisions.iter().map(|d| (d.action_index, d.frame)).collect();
         assert_eq!(decided, (0..outcome.actions).map(|n| (n, 5 * n)).collect::<Vec<_>>());

@@ -86,10 +86,12 @@ impl Gather {
     /// Gather until there are no more frames.
     pub fn run(self, frames: &Inbox<Item<Seen>>) -> LearnResult {
         let (mut batch, mut count, mut owed, mut refit, mut asked) = (Batch::default(), 0, false, false, false);
+        let mut last = None;
         while let Ok(item) = frames.take() {
             // The state of a robot of a fleet is its learner's.
             let Item::Work(seen) = item else { continue };
             let (frame, stamp_ns) = (seen.sample.observation.frame, seen.stamp_ns);
+            last = Some((frame, stamp_ns));
             count += 1;
             refit |= seen.changed && asked;
             batch.marks.clone_from(&seen.tasks.marks);
@@ -105,8 +107,11 @@ impl Gather {
                 break;
             }
         }
+        // Whoever is gone by now has failed, and that is reported.
+        if let Some((frame, stamp_ns)) = last {
+            let _ = self.record.end(frame, stamp_ns);
+        }
         if !batch.samples.is_empty() {
-            // Whoever is gone by now has failed, and that is reported.
             let _ = self.batches.put(batch);
         }
         LearnResult { quarantined: 0, support_vectors: 0, nu: None, clock: Clock::new() }

@@ -215,10 +215,6 @@ impl PerceiveLoop<'_> {
                 return perceive.frames;
             }
         }
-        if let Some(frame) = perceive.last_number {
-            // A closed log has failed, and that is reported.
-            let _ = self.record.end(frame, self.status.now().stamp_ns);
-        }
         perceive.frames
     }
 

@@ -6,7 +6,7 @@ use std::time::Instant;
 use super::super::messages::{Item, SolveRequest};
 use super::super::record::{Level, Recorder};
 use super::{Learn, Learning, Seen};
-use crate::agent::error::RunError;
+use crate::agent::error::{LearnError, RunError};
 use crate::agent::runtime::clock::Clock;
 use crate::agent::runtime::marker::{Marker, Quiescence};
 use crate::agent::runtime::queue::{Closed, Inbox, Outbox};
@@ -40,12 +40,16 @@ impl LearnLoop<'_> {
                     continue;
                 }
                 Err(Closed) => {
+                    // All that a run that goes on has learned by now is in the log before its end, what finishes the run behind it. Whoever
+                    // is gone by now has failed, and that is reported.
+                    if let Some(frame) = learn.last_number {
+                        let _ = self.record.end(frame, learn.stamp_ns);
+                    }
                     let last = match learn.finish() {
                         // It was stopped before there was enough to learn from: there is no model, and that is no failure.
-                        Err(_) if !learn.has_all_frames() => Learning::default(),
+                        Err(LearnError::Width(_)) if !learn.has_all_frames() => Learning::default(),
                         last => last?,
                     };
-                    // Whoever is gone by now has failed, and that is reported.
                     let _ = self.deliver(last, &mut done);
                     return Ok(done);
                 }
