@@ -67,7 +67,7 @@ impl Relearning {
             poses[1..].iter().map(|pose| if inside(pose) { 1.0 } else { 0.0 }).collect()
         };
         let window: Vec<Observation> = (0..n + 1).map(observation).collect();
-        let mut kept = KeptProducts::default();
+        let mut kept = KeptProducts::new(usize::MAX);
         kept.begin(&Arc::new(dictionary.members().subcols(0, m - m / 20).to_owned()));
         window[n / 10..].chunks(PROJECT_AT_ONCE).for_each(|part| drop(products(&mut kept, part, par)));
         Relearning {

@@ -1,6 +1,7 @@
 //! What a run will hold in memory, and what the machine has.
 
 use super::actors::fit::RARE;
+use super::actors::kernel_rows::MOST_KEPT;
 use super::actors::learn::stream_options;
 use crate::dictionary::WhenFull;
 use crate::robot::Action;
@@ -19,7 +20,7 @@ use crate::slow::{Method, SlowStream, solve_bytes};
 /// | state: a copy of the stream, of the window and of models, while the state of the run is saved | that of the stream, `2Nd`, `3m(5d + 8k)` |
 /// | requests: copies of dictionary and moments, with the solver, in its queue, and one that is made | `3(24m² + 4md)` |
 /// | solver | [`solve_bytes`]: about `16m² + 48mk` |
-/// | products of the window's observations with support vectors, kept for the next model | `4mN` |
+/// | products of the window's observations with support vectors, kept for the next model | `4mN`, at most 1 GB |
 /// | models: in use, in trials, on their way (`w` of them wait for their frame) | `(6 + w) m(5d + 8k + 24·tasks)` |
 /// | linear values: the window, its features, policy iteration of `t` tasks side by side | `N(2d + (48 + 8t)(k + 1)) + (24 + 384t)(k + 1)²` |
 /// | local values: the window, its features, and of `n` neighbours and `p` coordinates the points and who is near | `N(2d + 8(k + 1)) + T(24p + 48n + 72 + 16·tasks)`, and `(6 + w) T(4p + 8·tasks)` for models |
@@ -101,7 +102,7 @@ impl Memory {
             ("requests", 3 * (24 * m * m + 4 * m * d)),
             ("solver", of_solver),
             ("models", (6 + waiting) * m * (5 * d + 8 * k + 24 * tasks)),
-            ("products", 4 * m * n),
+            ("products", 4 * (m * n).min(MOST_KEPT as u64)),
             ("values", values),
             ("places", places),
             ("what is shown", shown),

@@ -2,7 +2,7 @@
 //!
 //! A device computes the products of observations with support vectors, and only where they are exact: whole numbers whose squared
 //! norms are below [`EXACT`]. Everything after them is computed here, in double precision, as it is without a device. The processor keeps
-//! products from one model to the next: of a window most observations and support vectors are those of before.
+//! products from one model to the next, up to a bound: of a window most observations and support vectors are those of before.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -15,6 +15,9 @@ use crate::policy::columns;
 use crate::scenario::Compute;
 use crate::slow::{SlowError, SlowModel};
 use crate::vision::Observation;
+
+/// Products that are kept, at most: 1 GB.
+pub const MOST_KEPT: usize = 250_000_000;
 
 /// Who computes kernel values, chosen when the first ones are asked for.
 pub struct KernelRows {
@@ -44,7 +47,7 @@ impl KernelRows {
             choice: None,
             slower_at: None,
             inexact: false,
-            kept: KeptProducts::default(),
+            kept: KeptProducts::new(MOST_KEPT),
         }
     }
 

@@ -6,7 +6,7 @@ pub mod evaluate;
 pub mod fit;
 pub mod fleet;
 pub mod health;
-mod kernel_rows;
+pub mod kernel_rows;
 pub mod learn;
 pub mod messages;
 pub mod perceive;
