@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The same work here and in numpy, scipy, scikit-learn, sksfa and MDP, measured alternately in one session.
+"""The same work here and in numpy, scipy, scikit-learn, faiss, sksfa and MDP, measured alternately in one session.
 
     python3 benches/peers/compare.py            everything
     python3 benches/peers/compare.py --quick    small sizes, to see that everything runs
@@ -293,12 +293,34 @@ def compare_kernel_rows(session):
         print(f"  the first value: {', '.join(f'{label} {value:.9f}' for label, value in first.items())}")
 
 
+def compare_neighbours(session):
+    n, p = (5000, 40) if session.quick else (60_000, 40)
+    heading(
+        f"neighbours of the ends of {n} transitions among their beginnings, in {p} coordinates, exact. Ours: Local::new, which also finds how"
+        "\n  much each neighbour counts (a regression for each end). Peers: index and search alone, with as many neighbours."
+    )
+    with session.ours() as ours, session.peer("neighbours_peer") as peer:
+        # One more: where weights end.
+        k = ours.ask("window", n=n, p=p)["neighbours"] + 1
+        contenders = {
+            "ours": lambda: ours.ask("neighbours"),
+            "faiss IndexFlatL2": lambda: peer.ask("flat", k=k),
+            "sklearn NearestNeighbors, brute": lambda: peer.ask("scikit_learn", k=k, algorithm="brute"),
+            "sklearn NearestNeighbors, kd_tree": lambda: peer.ask("scikit_learn", k=k, algorithm="kd_tree"),
+        }
+        session.alternately(contenders, "ours")
+        left, right = ours.ask("nearest", n=1000)["nearest"], peer.ask("nearest", n=1000)["nearest"]
+        same = sum(a == b for a, b in zip(left, right))
+        print(f"  the nearest point is the same for {same} of {len(left)} ends (kd_tree)")
+
+
 COMPARISONS = {
     "kernel_rows": compare_kernel_rows,
     "growth": compare_growth,
     "solve": compare_solve,
     "nystroem": compare_nystroem,
     "sfa": compare_sfa,
+    "neighbours": compare_neighbours,
 }
 
 

@@ -18,6 +18,7 @@ use common::operations;
 
 use adagio::dictionary::Dictionary;
 use adagio::slow::{Link, Method, Moments, SlowFeatures, SlowStream, SolveOptions, solve_with};
+use adagio::value::{Instances, Local, LocalOptions};
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::{Mat, Par};
 use serde_json::{Value, json};
@@ -29,8 +30,16 @@ fn main() -> Result<(), Box<dyn Error>> {
     let Some(folder) = std::env::args().nth(1) else {
         return Err("this is our side of benches/peers/compare.py, which starts it with a folder".into());
     };
-    let mut peer =
-        Peer { folder: folder.into(), x: Mat::new(), stream: None, dictionary: None, rows: Mat::new(), moments: None };
+    let mut peer = Peer {
+        folder: folder.into(),
+        x: Mat::new(),
+        stream: None,
+        dictionary: None,
+        rows: Mat::new(),
+        moments: None,
+        points: Mat::new(),
+        ends: Mat::new(),
+    };
     for line in std::io::stdin().lock().lines() {
         let answer = peer.answer(&serde_json::from_str(&line?)?)?;
         let mut out = std::io::stdout().lock();
@@ -48,6 +57,8 @@ struct Peer {
     dictionary: Option<Dictionary<f32>>,
     rows: Mat<f64>,
     moments: Option<Moments>,
+    points: Mat<f32>,
+    ends: Mat<f32>,
 }
 
 impl Peer {
@@ -66,6 +77,9 @@ impl Peer {
             Some("solve") => self.solve(number("k")?, par),
             Some("rows") => self.rows(number("m")?, number("n")?, par),
             Some("sfa") => self.sfa(number("k")?, request["lambda"].as_f64().unwrap_or(0.0), par),
+            Some("window") => self.window(number("n")?, number("p")?),
+            Some("neighbours") => self.neighbours(),
+            Some("nearest") => self.nearest(number("n")?),
             other => Err(format!("unknown request {other:?}").into()),
         }
     }
@@ -161,6 +175,39 @@ impl Peer {
             Ok(solve_with(&moments, k, lambda, None, &options)?)
         });
         Ok(json!({"seconds": seconds, "slowness": features?.slowness}))
+    }
+
+    /// Where `n` transitions of a walk begin and end, in `p` coordinates, to `points.npy` and `ends.npy`, one a row.
+    fn window(&mut self, n: usize, p: usize) -> Answer {
+        let walk = operations::Transitions::of_walk(n, p);
+        [self.points, self.ends] = [&walk.phi, &walk.next].map(|phi| Mat::from_fn(p, n, |i, t| phi[(i + 1, t)] as f32));
+        for (name, points) in [("points.npy", &self.points), ("ends.npy", &self.ends)] {
+            npy::write(&self.path(name), "<f4", points, |value: f32| value.to_le_bytes())?;
+        }
+        Ok(json!({"neighbours": LocalOptions::default().neighbours}))
+    }
+
+    fn instances(&self, neighbours: usize) -> Result<Instances, Box<dyn Error>> {
+        let options = LocalOptions { neighbours, ..LocalOptions::default() };
+        Ok(Instances::new(self.points.clone(), vec![self.points.ncols()], options)?)
+    }
+
+    /// The neighbours of all ends, and how much each counts.
+    fn neighbours(&self) -> Answer {
+        let (found, seconds) = timed(|| -> Result<(), Box<dyn Error>> {
+            let instances = self.instances(LocalOptions::default().neighbours)?;
+            std::hint::black_box(Local::new(&instances, self.ends.as_ref())?);
+            Ok(())
+        });
+        found?;
+        Ok(json!({"seconds": seconds}))
+    }
+
+    /// The point that is nearest to each of the first `n` ends.
+    fn nearest(&self, n: usize) -> Answer {
+        let numbers: Vec<f64> = (0..self.points.ncols()).map(|t| t as f64).collect();
+        let nearest = self.instances(1)?.action_values(&[&numbers], self.ends.as_ref().subcols(0, n))?.swap_remove(0);
+        Ok(json!({"nearest": (0..n).map(|t| nearest[(0, t)] as usize).collect::<Vec<usize>>()}))
     }
 }
 
