@@ -105,7 +105,8 @@ fn text(c: &Comparison, reports: &[Value; 2]) -> String {
         }
     }
     let [a, b] = reports.each_ref().map(|report| report["tasks"].as_array().into_iter().flatten());
-    for (of_a, of_b) in a.zip(b) {
+    for of_a in a {
+        let Some(of_b) = b.clone().find(|of_b| of_b["name"] == of_a["name"]) else { continue };
         let share = |task: &Value, key: &str| task[key].as_f64().unwrap_or(f64::NAN);
         line(format!(
             "{}: success {:.1} % → {:.1} %, convergence quality {:.3} → {:.3}",

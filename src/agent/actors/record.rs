@@ -122,7 +122,7 @@ impl Recorder {
             self.write(topics::ODOMETRY, number, stamp, odometry)?;
         }
         let reach = self.scenario.robot.sonar_range as f32;
-        let increment = std::f32::consts::TAU / frame.sonar.len() as f32;
+        let increment = std::f32::consts::TAU / frame.sonar.len().max(1) as f32;
         let sonar = msg::LaserScan {
             header: header("base_link"),
             angle_min: 0.0,

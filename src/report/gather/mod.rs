@@ -422,6 +422,7 @@ impl Gathered {
         if growth.first_frame < self.grown_to {
             // It began anew, with a wider kernel.
             (self.members, self.members_elsewhere) = (Downsample::first_of(MEMBERS), 0);
+            self.quarantined = 0;
         }
         self.grown_to = growth.last_frame;
         self.growth.push((growth.last_frame, growth.size));

@@ -85,6 +85,10 @@ impl LearnLoop<'_> {
         if let Some(growth) = learned.growth {
             done.support_vectors = growth.size;
             done.nu = growth.nu;
+            if growth.began_anew.is_some() {
+                // These are among the frames that it is chosen from again.
+                done.quarantined = 0;
+            }
             done.quarantined += growth.quarantined.len() as u64;
             status.update(|s| (s.support_vectors, s.quarantined) = (growth.size, done.quarantined));
             if !growth.quarantined.is_empty() {
