@@ -6,7 +6,7 @@
 
 use std::collections::BTreeMap;
 
-use faer::Mat;
+use faer::{Mat, MatRef};
 use serde::{Deserialize, Serialize};
 
 use super::lab::{Data, FRAMES, Lab, Walked, points};
@@ -14,6 +14,7 @@ use super::pipeline::{LAMBDA, NU, Widths, slow_features, slowness_of};
 use super::plot::{Line, chart};
 use super::{Band, Bench, Cell, Experiment, ExperimentError, Once, Results, Sizes, Table};
 use crate::report::draw::Axis;
+use crate::robot::Pose;
 use crate::slow::LinearStream;
 
 /// The experiment.
@@ -47,6 +48,10 @@ const CONDITIONS: [(&str, &[&str], usize); 6] = [
     ("a quarter of the frames", &[], 4),
     ("an eighth of the frames", &[], 8),
 ];
+/// The other walk's seed is larger by this.
+const ELSEWHERE: u64 = 1000;
+/// Frames that are handled together.
+const AT_ONCE: usize = 1024;
 /// The number of support vectors at which kernel SFA is as slow as linear SFA in the thesis (§5.2.1).
 const LIKE_LINEAR: usize = 700;
 
@@ -70,6 +75,9 @@ struct Settings {
     weighted_as_in_the_thesis: bool,
     nu: f64,
     lambda: f64,
+    /// Seed of another walk on which features are measured, too.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    elsewhere: Option<u64>,
 }
 
 /// What came of a setting.
@@ -81,6 +89,9 @@ pub struct Outcome {
     pub sigma: Option<f64>,
     /// Slowness of each feature on the training frames, 1/s², ascending.
     pub slowness: Vec<f64>,
+    /// Slowness of the same features on the frames of another walk, where that is looked at.
+    #[serde(default)]
+    pub elsewhere: Option<Vec<f64>>,
 }
 
 impl Outcome {
@@ -90,8 +101,13 @@ impl Outcome {
 
     /// Mean slowness of the first features.
     fn mean(&self, of: usize) -> Option<f64> {
-        (self.slowness.len() >= of).then(|| self.slowness[..of].iter().sum::<f64>() / of as f64)
+        mean(&self.slowness, of)
     }
+}
+
+/// Mean of the first numbers.
+fn mean(slowness: &[f64], of: usize) -> Option<f64> {
+    (slowness.len() >= of).then(|| slowness[..of].iter().sum::<f64>() / of as f64)
 }
 
 /// A video and what was found about its kernel widths.
@@ -100,36 +116,71 @@ struct Video<'a> {
     walked: &'a Walked,
     frames: Once<Mat<f32>>,
     widths: std::cell::RefCell<Widths>,
+    /// Another walk in the same room, weighted as this one.
+    elsewhere: Option<(Lab, Walked)>,
 }
 
 impl Video<'_> {
+    /// Slowness of features on the other walk, if there is one, by parts of its video.
+    fn elsewhere(
+        &self,
+        weight: f64,
+        bench: &Bench<'_>,
+        features: impl Fn(MatRef<'_, f32>) -> Result<Mat<f64>, ExperimentError>,
+    ) -> Result<Option<Vec<f64>>, ExperimentError> {
+        let Some((lab, walked)) = &self.elsewhere else { return Ok(None) };
+        let frames = lab.video(&walked.poses, bench)?;
+        let mut signals: Option<Mat<f64>> = None;
+        for start in (0..frames.ncols()).step_by(AT_ONCE) {
+            bench.go_on()?;
+            let count = AT_ONCE.min(frames.ncols() - start);
+            let part = features(frames.as_ref().subcols(start, count))?;
+            let signals = signals.get_or_insert_with(|| Mat::zeros(part.nrows(), frames.ncols()));
+            signals.as_mut().subcols_mut(start, count).copy_from(&part);
+        }
+        Ok(signals.map(|signals| slowness_of(signals.as_ref(), &lab.links(walked, weight))))
+    }
+
     fn outcome(&self, settings: &Settings, bench: &Bench<'_>) -> Result<Outcome, ExperimentError> {
         let weight = self.lab.thesis_weight(&self.walked.steps());
         let links = self.lab.links(self.walked, weight);
         if settings.method == Method::Optimal {
             let theory = self.lab.optimal_responses(&self.walked.steps(), weight, settings.features)?;
-            let mut slowness = slowness_of(theory.evaluate(points(&self.walked.poses).as_ref())?.as_ref(), &links);
-            slowness.sort_by(f64::total_cmp);
-            return Ok(Outcome { support_vectors: None, sigma: None, slowness });
+            let on = |poses: &[Pose], links: &[_]| -> Result<Vec<f64>, ExperimentError> {
+                let mut slowness = slowness_of(theory.evaluate(points(poses).as_ref())?.as_ref(), links);
+                slowness.sort_by(f64::total_cmp);
+                Ok(slowness)
+            };
+            let slowness = on(&self.walked.poses, &links)?;
+            let other = self.elsewhere.as_ref();
+            let elsewhere = other.map(|(lab, walked)| on(&walked.poses, &lab.links(walked, weight))).transpose()?;
+            return Ok(Outcome { support_vectors: None, sigma: None, slowness, elsewhere });
         }
         let frames = self.frames.get(|| self.lab.video(&self.walked.poses, bench))?.as_ref();
         let Method::Kernel(target) = settings.method else {
             let mut stream = LinearStream::new();
-            for start in (0..frames.ncols()).step_by(1024) {
+            let wide = |x: MatRef<'_, f32>| Mat::from_fn(x.nrows(), x.ncols(), |i, j| f64::from(x[(i, j)]));
+            for start in (0..frames.ncols()).step_by(AT_ONCE) {
                 bench.go_on()?;
-                let count = 1024.min(frames.ncols() - start);
-                let part = Mat::from_fn(frames.nrows(), count, |i, j| f64::from(frames[(i, start + j)]));
-                stream.push(part.as_ref(), &links[start..start + count])?;
+                let count = AT_ONCE.min(frames.ncols() - start);
+                stream.push(wide(frames.subcols(start, count)).as_ref(), &links[start..start + count])?;
             }
-            let slowness = stream.solve(settings.features, settings.lambda)?.slowness;
-            return Ok(Outcome { support_vectors: None, sigma: None, slowness });
+            let sfa = stream.solve(settings.features, settings.lambda)?;
+            let elsewhere = self.elsewhere(weight, bench, |x| Ok(sfa.apply(wide(x).as_ref())?))?;
+            return Ok(Outcome { support_vectors: None, sigma: None, slowness: sfa.slowness, elsewhere });
         };
         let dictionary = self.widths.borrow_mut().select(frames, target, bench)?;
         let (features, model) = slow_features(&dictionary, frames, &links, settings.features, bench)?;
+        let elsewhere = self.elsewhere(weight, bench, |x| {
+            let phi = model.apply(x, bench.scope.par)?;
+            // Without the constant one.
+            Ok(phi.subrows(1, phi.nrows() - 1).to_owned())
+        })?;
         Ok(Outcome {
             support_vectors: Some(dictionary.len()),
             sigma: model.kernel.sigma(),
             slowness: features.slowness,
+            elsewhere,
         })
     }
 }
@@ -158,12 +209,19 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
             let sets: Vec<&str> = size.iter().map(String::as_str).chain(sets.iter().copied()).collect();
             let lab = Lab::new(seed, &sets)?;
             let walked = lab.walk(actions);
-            let video = Video { lab: &lab, walked: &walked, frames: Once::default(), widths: Default::default() };
+            let elsewhere = (*condition == 0 && *image == IMAGES[0]).then_some(seed + ELSEWHERE);
+            let other = elsewhere.map(|seed| Lab::new(seed, &sets)).transpose()?.map(|lab| {
+                let walked = lab.walk(actions);
+                (lab, walked)
+            });
+            let (frames, widths) = (Once::default(), Default::default());
+            let video = Video { lab: &lab, walked: &walked, frames, widths, elsewhere: other };
             for &method in methods {
                 let data = Data::new(&lab, actions);
                 let (image, weighted_as_in_the_thesis) = (*image, true);
+                let (nu, lambda) = (NU, LAMBDA);
                 let settings =
-                    Settings { data, image, method, features, weighted_as_in_the_thesis, nu: NU, lambda: LAMBDA };
+                    Settings { data, image, method, features, weighted_as_in_the_thesis, nu, lambda, elsewhere };
                 let label = format!("{}, {} × {}, {what}, seed {seed}", name(method), image.0, image.1);
                 let outcome = bench.result(&label, &settings, || video.outcome(&settings, bench))?;
                 found[*condition].entry((image, method)).or_default().push(outcome);
@@ -172,14 +230,14 @@ fn run(bench: &Bench<'_>) -> Result<Results, ExperimentError> {
     }
     let [shown, others @ ..] = found.map(|found| Findings { found });
     Ok(Results {
-        tables: vec![shown.table(), shown.claims(), conditions(&shown, &others)],
+        tables: vec![shown.table(), shown.claims(), shown.elsewhere(), conditions(&shown, &others)],
         notes: vec![
             format!(
                 "{frames} frames, one for each action of a random walk; slowness in 1/s² on these frames, mean over the first \
                  features; moves weigh so much more than turns that φ200 and φ001 are equally slow, as they were in the thesis. \
                  ALD with ν = {NU}; the kernel width was chosen for the number of support vectors."
             ),
-            "Optimal responses: theory's functions of the true pose, measured on the same walk. They are optimal for a walk that \
+            "Optimal responses: theory's functions of the true pose, measured on the same walk as the features. They are optimal for a walk that \
              visits all poses alike and whose speed does not depend on the pose; on this walk others can be slower. Linear SFA \
              has 32 × 16 pixels only, as in the thesis."
                 .into(),
@@ -215,6 +273,27 @@ impl Findings {
     fn judged(&self) -> usize {
         let fewest = self.found.values().flatten().map(|outcome| outcome.slowness.len()).min().unwrap_or(1);
         MEANS.into_iter().filter(|&of| of <= fewest.min(30)).max().unwrap_or(1)
+    }
+
+    /// The same features on another walk: how much of their slowness is that of the frames that they were learned from.
+    fn elsewhere(&self) -> Table {
+        let of = self.judged();
+        let mut table = Table::new(format!("The first {of} features on their own frames and on those of another walk"));
+        let on = |method, of: &dyn Fn(&Outcome) -> Option<f64>| self.band(IMAGES[0], method, of);
+        let other = |outcome: &Outcome| mean(outcome.elsewhere.as_ref()?, of);
+        let optimum = on(Method::Optimal, &other).map(|band| band.mean);
+        for &(_, method) in self.found.keys().filter(|(image, _)| *image == IMAGES[0]) {
+            let found = on(method, &other);
+            let row = [
+                ("method", Cell::text(name(method))),
+                ("support vectors", Cell::band(on(method, &Outcome::vectors), 0)),
+                ("own frames, 1/s²", Cell::band(on(method, &|outcome| outcome.mean(of)), 4)),
+                ("another walk, 1/s²", Cell::band(found, 4)),
+                ("over its optimal responses", Cell::maybe(found.zip(optimum).map(|(band, of)| band.mean / of), 2)),
+            ];
+            table.push(row, "not in the thesis");
+        }
+        table
     }
 
     fn table(&self) -> Table {
