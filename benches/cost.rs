@@ -1,0 +1,205 @@
+//! How cost grows with each size, the others fixed: curves with their slopes on logarithmic axes, by how much ten times the work costs.
+//!
+//! All cores. Each point is the least of a few runs, so that what else the machine does counts little. Arguments: `--svg FILE`, which draws
+//! the curves; `ADAGIO_BENCH_MAX_M` leaves out larger sets of support vectors.
+
+mod common;
+
+use std::error::Error;
+use std::path::PathBuf;
+use std::time::Instant;
+
+use adagio::agent::Memory;
+use adagio::vision::{Observation, ZERO};
+use common::data::{D, frames};
+use common::operations::{self, Transitions};
+use common::{Size, allowed, argument, cores, simulation};
+use faer::Par;
+use plotters::prelude::*;
+
+/// Features, coordinates and transitions where they are not what grows.
+const K: usize = 128;
+const COORDINATES: usize = 40;
+const TRANSITIONS: usize = 20_000;
+/// Decisions that are timed together.
+const DECISIONS: usize = 200;
+/// Runs of which the shortest counts.
+const RUNS: usize = 3;
+
+/// What it costs at each size.
+struct Curve {
+    name: &'static str,
+    /// What grows, and in what cost is told.
+    of: &'static str,
+    unit: &'static str,
+    points: Vec<(usize, f64)>,
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    adagio::random::fix_parallelism();
+    common::machine::header();
+    let par = Par::rayon(cores());
+    let ms: Vec<usize> = allowed([500, 1000, 2000, 4000, 8000, 16_000].map(Size::of)).iter().map(|of| of.m).collect();
+    let (learning, solving) = of_support_vectors(&ms, par);
+    let m = 2000.min(ms.last().copied().unwrap_or(500));
+    let curves = [
+        learning,
+        of_values(m / 2, par),
+        solving,
+        of_features(m, par),
+        Curve {
+            points: of_sizes(&[5000, 10_000, 20_000, 40_000, 80_000], |n| {
+                let transitions = Transitions::of_walk(n, COORDINATES);
+                Box::new(move || drop(transitions.refit_locally()))
+            }),
+            ..curve("local values of a task", "transitions N", "s")
+        },
+        Curve {
+            points: decisions(ms.iter().map(|&m| (m, m, TRANSITIONS))),
+            ..curve("a decision", "support vectors m", "ms")
+        },
+        Curve {
+            points: decisions([5000, 10_000, 20_000, 40_000, 80_000].map(|n| (n, m, n)).into_iter()),
+            ..curve("a decision", "transitions N", "ms")
+        },
+        Curve {
+            points: ms.iter().map(|&m| (m, memory(m, TRANSITIONS))).collect(),
+            ..curve("memory, by its formula", "support vectors m", "GB")
+        },
+        Curve {
+            points: [5000, 10_000, 20_000, 40_000, 80_000, 160_000].map(|n| (n, memory(m, n))).to_vec(),
+            ..curve("memory, by its formula", "transitions N", "GB")
+        },
+    ];
+    for curve in &curves {
+        curve.print();
+    }
+    if let Some(path) = argument::<PathBuf>("--svg") {
+        draw(&curves, &path)?;
+    }
+    Ok(())
+}
+
+fn curve(name: &'static str, of: &'static str, unit: &'static str) -> Curve {
+    Curve { name, of, unit, points: Vec::new() }
+}
+
+impl Curve {
+    /// By how much the logarithm of the cost grows with that of the size, over the last two points: small sizes have costs of their own.
+    fn slope(&self) -> f64 {
+        let [.., (less, cheap), (more, dear)] = self.points[..] else { return f64::NAN };
+        (dear / cheap).ln() / (more as f64 / less as f64).ln()
+    }
+
+    fn print(&self) {
+        println!("\n{} by {}: at last ~ {:.2}", self.name, self.of, self.slope());
+        for (size, cost) in &self.points {
+            println!("{size:>10} {cost:>10.3} {}", self.unit);
+        }
+    }
+}
+
+/// The seconds of the shortest of some runs.
+fn shortest(runs: usize, mut work: impl FnMut()) -> f64 {
+    let timed = |_| {
+        let begin = Instant::now();
+        work();
+        begin.elapsed().as_secs_f64()
+    };
+    (0..runs).map(timed).fold(f64::INFINITY, f64::min)
+}
+
+/// Seconds of the work at each size.
+fn of_sizes(sizes: &[usize], work: impl Fn(usize) -> Box<dyn FnMut()>) -> Vec<(usize, f64)> {
+    sizes.iter().map(|&size| (size, shortest(RUNS, work(size)))).collect()
+}
+
+/// A frame once the dictionary is full, and new features from its moments.
+fn of_support_vectors(sizes: &[usize], par: Par) -> (Curve, Curve) {
+    let mut learning = curve("learning from a frame", "support vectors m", "ms");
+    let mut solving = curve("new slow features", "support vectors m", "s");
+    for &m in sizes {
+        let chunk = operations::chunk();
+        let x = frames(D, m + 2 * chunk);
+        let mut stream = operations::full_stream(&x, m, m, par);
+        let seconds = shortest(RUNS, || operations::push(&mut stream, &x, m + chunk..m + 2 * chunk));
+        learning.points.push((m, 1e3 * seconds / chunk as f64));
+        let moments = stream.settled_moments().expect("frames that were accepted");
+        solving.points.push((m, shortest(RUNS, || drop(operations::resolve(moments, K, None, par)))));
+    }
+    (learning, solving)
+}
+
+/// A frame, by the values of an observation.
+fn of_values(m: usize, par: Par) -> Curve {
+    let of = |d: usize| {
+        let chunk = operations::chunk();
+        let x = frames(d, m + 2 * chunk);
+        let mut stream = operations::full_stream(&x, m, m, par);
+        let seconds = shortest(RUNS, || operations::push(&mut stream, &x, m + chunk..m + 2 * chunk));
+        (d, 1e3 * seconds / chunk as f64)
+    };
+    Curve { points: [384, 768, 1536, 3072, 6144].map(of).to_vec(), ..curve("learning from a frame", "values d", "ms") }
+}
+
+/// New features, by their number.
+fn of_features(m: usize, par: Par) -> Curve {
+    let x = frames(D, m + m / 4);
+    let moments = operations::moments(&operations::dictionary(&x, m, par), &x, par);
+    let of = |k: usize| (k, shortest(RUNS, || drop(operations::resolve(&moments, k, None, par))));
+    let sizes = [32, 64, 128, 256, 512].into_iter().filter(|&k| k < m / 2);
+    Curve { points: sizes.map(of).collect(), ..curve("new slow features", "features k", "s") }
+}
+
+/// Milliseconds from an observation to the values of all actions, by a size, for so many support vectors and transitions.
+fn decisions(sizes: impl Iterator<Item = (usize, usize, usize)>) -> Vec<(usize, f64)> {
+    let of = |(size, m, n): (usize, usize, usize)| {
+        let x = frames(D, m);
+        let learned = operations::learned_locally(&x, m, K, COORDINATES, n / operations::ACTIONS);
+        let seen = |t: usize| Observation {
+            frame: t as u64,
+            pixels: x.col(t % m).iter().map(|&value| (value + f32::from(ZERO)) as u8).collect(),
+        };
+        let seen: Vec<Observation> = (0..DECISIONS).map(|t| seen(7 * t)).collect();
+        let decide = || {
+            for seen in &seen {
+                std::hint::black_box(learned.state(seen).q_values(0));
+            }
+        };
+        (size, 1e3 * shortest(RUNS, decide) / DECISIONS as f64)
+    };
+    sizes.map(of).collect()
+}
+
+/// Gigabytes of a run in two rooms with places.
+fn memory(m: usize, transitions: usize) -> f64 {
+    let sets = [format!("actions={transitions}"), format!("value.window={transitions}")];
+    let sets: Vec<&str> = sets.iter().map(String::as_str).collect();
+    1e-9 * Memory::with_budget(&simulation::scenario("two_rooms.toml", &sets), m).total() as f64
+}
+
+fn draw(curves: &[Curve], path: &PathBuf) -> Result<(), Box<dyn Error>> {
+    let root = SVGBackend::new(path, (1050, 900)).into_drawing_area();
+    root.fill(&WHITE)?;
+    for (area, curve) in root.split_evenly((3, 3)).iter().zip(curves) {
+        let sizes = curve.points.iter().map(|of| of.0 as f64);
+        let costs = curve.points.iter().map(|of| of.1);
+        let (least, most) =
+            costs.fold((f64::INFINITY, 0.0f64), |(least, most), cost| (least.min(cost), most.max(cost)));
+        let last = sizes.clone().fold(0.0, f64::max);
+        let first = sizes.fold(last, f64::min);
+        let mut chart = ChartBuilder::on(area)
+            .caption(format!("{}, {}: ~ {:.1}", curve.name, curve.unit, curve.slope()), ("sans-serif", 15))
+            .margin(8)
+            .x_label_area_size(36)
+            .y_label_area_size(48)
+            .build_cartesian_2d((first..last).log_scale(), (0.7 * least..1.4 * most).log_scale())?;
+        chart.configure_mesh().x_desc(curve.of).x_label_formatter(&|x| format!("{x:.0}")).draw()?;
+        let points = || curve.points.iter().map(|of| (of.0 as f64, of.1));
+        let blue = RGBColor(31, 95, 160);
+        chart.draw_series(LineSeries::new(points(), blue.stroke_width(2)))?;
+        chart.draw_series(points().map(|point| Circle::new(point, 3, blue.filled())))?;
+    }
+    root.present()?;
+    Ok(())
+}
