@@ -118,7 +118,7 @@ pub fn plots(found: &Found) -> Result<Vec<(String, String)>, ExperimentError> {
     for (file, title, axis, of) in [
         (
             "across.svg",
-            "Starts across the corridor that arrive, by number of features",
+            "Starts across the corridor that arrive",
             "share of starts in the other room",
             (|policy: &Policy| policy.across.map(|across| across.success)) as fn(&Policy) -> Option<f64>,
         ),
