@@ -173,8 +173,9 @@ struct LogContents {
     requests: Vec<ModelRequest>,
     models: Vec<ModelUpdate>,
     warnings: usize,
-    /// The last frame of each block behind the end.
+    /// The last frame of each block behind the end, and how many models are.
     finishing: Vec<u64>,
+    last_models: usize,
     ended: bool,
 }
 
@@ -188,6 +189,7 @@ fn said(log: &Memory) -> LogContents {
         models: Vec::new(),
         warnings: 0,
         finishing: Vec::new(),
+        last_models: 0,
         ended: false,
     };
     for record in LogReader::new(std::io::Cursor::new(bytes), "memory") {
@@ -203,6 +205,7 @@ fn said(log: &Memory) -> LogContents {
             all.requests.push(record.decode().unwrap());
         } else if is(topics::MODEL.name()) {
             all.models.push(record.decode().unwrap());
+            all.last_models += usize::from(all.ended);
         } else if is(topics::END.name()) {
             all.ended = true;
         } else if is(topics::DICTIONARY.name()) && all.ended {
@@ -308,6 +311,9 @@ fn in_realtime_every_order_adds_up_and_is_repeated_from_its_log() {
         // Behind the end is only what finishes the run: a run that goes on does not hold to it, and has learned all else.
         assert!(said.ended && said.finishing.len() <= 1, "{:?}", said.finishing);
         assert!(said.finishing.iter().all(|&last| last == given - 1), "{:?}", said.finishing);
+        let (acted, last_models) = said.models.split_at(said.models.len() - said.last_models);
+        assert!(acted.iter().all(|model| model.effective_at_frame < given));
+        assert!(last_models.iter().all(|model| model.effective_at_frame == given));
         // One decision for each action, at the frame after the one before.
         let decided: Vec<(u64, u64)> = said.decisions.iter().map(|d| (d.action_index, d.frame)).collect();
         assert_eq!(decided, (0..outcome.actions).map(|n| (n, 5 * n)).collect::<Vec<_>>());

@@ -365,8 +365,10 @@ impl ActLoop<'_> {
         // No more actions: the source ends, then perceive, learn with its last request, and then the solvers.
         drop(actions);
         while self.percepts.take().is_ok() {}
-        let early: Vec<Update> = progress.acting.waiting.drain(..).filter_map(|(_, answer)| answer).collect();
-        for update in early.into_iter().chain(std::iter::from_fn(|| self.updates.take().ok())) {
+        let mut updates: Vec<Update> = progress.acting.waiting.drain(..).filter_map(|(_, answer)| answer).collect();
+        // When the solvers have ended, learn has, too, and the end of the run is in the log before these models, which finish it.
+        updates.extend(std::iter::from_fn(|| self.updates.take().ok()));
+        for update in updates {
             // It would act from the frame after the last one.
             let stamp_ns = self.status.now().stamp_ns;
             self.install(&mut progress, update, last_frame + 1, stamp_ns);
