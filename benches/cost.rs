@@ -23,8 +23,9 @@ const COORDINATES: usize = 40;
 const TRANSITIONS: usize = 20_000;
 /// Decisions that are timed together.
 const DECISIONS: usize = 200;
-/// Runs of which the shortest counts.
+/// Runs of which the shortest counts: at least so many, and for so long, s.
 const RUNS: usize = 3;
+const LEAST: f64 = 1.0;
 
 /// What it costs at each size.
 struct Curve {
@@ -100,18 +101,20 @@ impl Curve {
 }
 
 /// The seconds of the shortest of some runs.
-fn shortest(runs: usize, mut work: impl FnMut()) -> f64 {
-    let timed = |_| {
+fn shortest(mut work: impl FnMut()) -> f64 {
+    let (mut shortest, mut runs, begin) = (f64::INFINITY, 0, Instant::now());
+    while runs < RUNS || begin.elapsed().as_secs_f64() < LEAST {
         let begin = Instant::now();
         work();
-        begin.elapsed().as_secs_f64()
-    };
-    (0..runs).map(timed).fold(f64::INFINITY, f64::min)
+        shortest = begin.elapsed().as_secs_f64().min(shortest);
+        runs += 1;
+    }
+    shortest
 }
 
 /// Seconds of the work at each size.
 fn of_sizes(sizes: &[usize], work: impl Fn(usize) -> Box<dyn FnMut()>) -> Vec<(usize, f64)> {
-    sizes.iter().map(|&size| (size, shortest(RUNS, work(size)))).collect()
+    sizes.iter().map(|&size| (size, shortest(work(size)))).collect()
 }
 
 /// A frame once the dictionary is full, and new features from its moments.
@@ -122,10 +125,10 @@ fn of_support_vectors(sizes: &[usize], par: Par) -> (Curve, Curve) {
         let chunk = operations::chunk();
         let x = frames(D, m + 2 * chunk);
         let mut stream = operations::full_stream(&x, m, m, par);
-        let seconds = shortest(RUNS, || operations::push(&mut stream, &x, m + chunk..m + 2 * chunk));
+        let seconds = shortest(|| operations::push(&mut stream, &x, m + chunk..m + 2 * chunk));
         learning.points.push((m, 1e3 * seconds / chunk as f64));
         let moments = stream.settled_moments().expect("frames that were accepted");
-        solving.points.push((m, shortest(RUNS, || drop(operations::resolve(moments, K, None, par)))));
+        solving.points.push((m, shortest(|| drop(operations::resolve(moments, K, None, par)))));
     }
     (learning, solving)
 }
@@ -136,7 +139,7 @@ fn of_values(m: usize, par: Par) -> Curve {
         let chunk = operations::chunk();
         let x = frames(d, m + 2 * chunk);
         let mut stream = operations::full_stream(&x, m, m, par);
-        let seconds = shortest(RUNS, || operations::push(&mut stream, &x, m + chunk..m + 2 * chunk));
+        let seconds = shortest(|| operations::push(&mut stream, &x, m + chunk..m + 2 * chunk));
         (d, 1e3 * seconds / chunk as f64)
     };
     Curve { points: [384, 768, 1536, 3072, 6144].map(of).to_vec(), ..curve("learning from a frame", "values d", "ms") }
@@ -146,7 +149,7 @@ fn of_values(m: usize, par: Par) -> Curve {
 fn of_features(m: usize, par: Par) -> Curve {
     let x = frames(D, m + m / 4);
     let moments = operations::moments(&operations::dictionary(&x, m, par), &x, par);
-    let of = |k: usize| (k, shortest(RUNS, || drop(operations::resolve(&moments, k, None, par))));
+    let of = |k: usize| (k, shortest(|| drop(operations::resolve(&moments, k, None, par))));
     let sizes = [32, 64, 128, 256, 512].into_iter().filter(|&k| k < m / 2);
     Curve { points: sizes.map(of).collect(), ..curve("new slow features", "features k", "s") }
 }
@@ -166,7 +169,7 @@ fn decisions(sizes: impl Iterator<Item = (usize, usize, usize)>) -> Vec<(usize, 
                 std::hint::black_box(learned.state(seen).q_values(0));
             }
         };
-        (size, 1e3 * shortest(RUNS, decide) / DECISIONS as f64)
+        (size, 1e3 * shortest(decide) / DECISIONS as f64)
     };
     sizes.map(of).collect()
 }
@@ -191,14 +194,23 @@ fn draw(curves: &[Curve], path: &PathBuf) -> Result<(), Box<dyn Error>> {
         let mut chart = ChartBuilder::on(area)
             .caption(format!("{}, {}: ~ {:.1}", curve.name, curve.unit, curve.slope()), ("sans-serif", 15))
             .margin(8)
+            .margin_right(36)
             .x_label_area_size(36)
             .y_label_area_size(48)
             .build_cartesian_2d((first..last).log_scale(), (0.7 * least..1.4 * most).log_scale())?;
-        chart.configure_mesh().x_desc(curve.of).x_label_formatter(&|x| format!("{x:.0}")).draw()?;
+        let number = |value: &f64| format!("{value}");
+        let mut mesh = chart.configure_mesh();
+        mesh.x_desc(curve.of).x_labels(4).y_labels(4).x_label_formatter(&number).y_label_formatter(&number);
+        mesh.light_line_style(TRANSPARENT).bold_line_style(BLACK.mix(0.15)).draw()?;
         let points = || curve.points.iter().map(|of| (of.0 as f64, of.1));
         let blue = RGBColor(31, 95, 160);
         chart.draw_series(LineSeries::new(points(), blue.stroke_width(2)))?;
         chart.draw_series(points().map(|point| Circle::new(point, 3, blue.filled())))?;
+        let costs = points().map(|point| {
+            let text = Text::new(format!("{:.2}", point.1), (6, 4), ("sans-serif", 12));
+            EmptyElement::at(point) + text
+        });
+        chart.draw_series(costs)?;
     }
     root.present()?;
     Ok(())
