@@ -10,6 +10,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use adagio::agent::Memory;
+use adagio::slow::SlowStream;
 use adagio::vision::{Observation, ZERO};
 use common::data::{D, frames};
 use common::operations::{self, Transitions};
@@ -21,6 +22,8 @@ use plotters::prelude::*;
 const K: usize = 128;
 const COORDINATES: usize = 40;
 const TRANSITIONS: usize = 20_000;
+/// Transitions where they are what grows.
+const WINDOWS: [usize; 5] = [5000, 10_000, 20_000, 40_000, 80_000];
 /// Decisions that are timed together.
 const DECISIONS: usize = 200;
 /// Runs of which the shortest counts: at least so many, and for so long, s.
@@ -30,9 +33,11 @@ const LEAST: f64 = 1.0;
 /// What it costs at each size.
 struct Curve {
     name: &'static str,
-    /// What grows, and in what cost is told.
+    /// What grows.
     of: &'static str,
+    /// Of the cost.
     unit: &'static str,
+    /// Size and cost.
     points: Vec<(usize, f64)>,
 }
 
@@ -41,26 +46,20 @@ fn main() -> Result<(), Box<dyn Error>> {
     common::machine::header();
     let par = Par::rayon(cores());
     let ms: Vec<usize> = allowed([500, 1000, 2000, 4000, 8000, 16_000].map(Size::of)).iter().map(|of| of.m).collect();
-    let (learning, solving) = of_support_vectors(&ms, par);
+    let (by_frame, solving) = of_support_vectors(&ms, par);
     let m = 2000.min(ms.last().copied().unwrap_or(500));
     let curves = [
-        learning,
+        by_frame,
         of_values(m / 2, par),
         solving,
         of_features(m, par),
-        Curve {
-            points: of_sizes(&[5000, 10_000, 20_000, 40_000, 80_000], |n| {
-                let transitions = Transitions::of_walk(n, COORDINATES);
-                Box::new(move || drop(transitions.refit_locally()))
-            }),
-            ..curve("local values of a task", "transitions N", "s")
-        },
+        Curve { points: WINDOWS.map(values).to_vec(), ..curve("local values of a task", "transitions N", "s") },
         Curve {
             points: decisions(ms.iter().map(|&m| (m, m, TRANSITIONS))),
             ..curve("a decision", "support vectors m", "ms")
         },
         Curve {
-            points: decisions([5000, 10_000, 20_000, 40_000, 80_000].map(|n| (n, m, n)).into_iter()),
+            points: decisions(WINDOWS.map(|n| (n, m, n)).into_iter()),
             ..curve("a decision", "transitions N", "ms")
         },
         Curve {
@@ -112,36 +111,37 @@ fn shortest(mut work: impl FnMut()) -> f64 {
     shortest
 }
 
-/// Seconds of the work at each size.
-fn of_sizes(sizes: &[usize], work: impl Fn(usize) -> Box<dyn FnMut()>) -> Vec<(usize, f64)> {
-    sizes.iter().map(|&size| (size, shortest(work(size)))).collect()
+/// Seconds of the local values of so many transitions.
+fn values(transitions: usize) -> (usize, f64) {
+    let of_walk = Transitions::of_walk(transitions, COORDINATES);
+    (transitions, shortest(|| drop(of_walk.refit_locally())))
+}
+
+/// A stream whose dictionary of `m` frames of `d` values is full, and the milliseconds that it takes for a frame.
+fn learning(m: usize, d: usize, par: Par) -> (SlowStream<f32>, f64) {
+    let chunk = operations::chunk();
+    let x = frames(d, m + 2 * chunk);
+    let mut stream = operations::full_stream(&x, m, m, par);
+    let seconds = shortest(|| operations::push(&mut stream, &x, m + chunk..m + 2 * chunk));
+    (stream, 1e3 * seconds / chunk as f64)
 }
 
 /// A frame once the dictionary is full, and new features from its moments.
 fn of_support_vectors(sizes: &[usize], par: Par) -> (Curve, Curve) {
-    let mut learning = curve("learning from a frame", "support vectors m", "ms");
+    let mut by_frame = curve("learning from a frame", "support vectors m", "ms");
     let mut solving = curve("new slow features", "support vectors m", "s");
     for &m in sizes {
-        let chunk = operations::chunk();
-        let x = frames(D, m + 2 * chunk);
-        let mut stream = operations::full_stream(&x, m, m, par);
-        let seconds = shortest(|| operations::push(&mut stream, &x, m + chunk..m + 2 * chunk));
-        learning.points.push((m, 1e3 * seconds / chunk as f64));
+        let (mut stream, milliseconds) = learning(m, D, par);
+        by_frame.points.push((m, milliseconds));
         let moments = stream.settled_moments().expect("frames that were accepted");
         solving.points.push((m, shortest(|| drop(operations::resolve(moments, K, None, par)))));
     }
-    (learning, solving)
+    (by_frame, solving)
 }
 
 /// A frame, by the values of an observation.
 fn of_values(m: usize, par: Par) -> Curve {
-    let of = |d: usize| {
-        let chunk = operations::chunk();
-        let x = frames(d, m + 2 * chunk);
-        let mut stream = operations::full_stream(&x, m, m, par);
-        let seconds = shortest(|| operations::push(&mut stream, &x, m + chunk..m + 2 * chunk));
-        (d, 1e3 * seconds / chunk as f64)
-    };
+    let of = |d: usize| (d, learning(m, d, par).1);
     Curve { points: [384, 768, 1536, 3072, 6144].map(of).to_vec(), ..curve("learning from a frame", "values d", "ms") }
 }
 

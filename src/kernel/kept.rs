@@ -51,7 +51,7 @@ struct Kept {
 }
 
 impl KeptProducts {
-    /// None yet, and no more than `room`: others are computed whenever they are asked for.
+    /// None yet, and room for so many products, of 4 bytes each: others are computed whenever they are asked for.
     pub fn new(room: usize) -> Self {
         KeptProducts { room, taken: 0, members: None, kept: HashMap::new() }
     }

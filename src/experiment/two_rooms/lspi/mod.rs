@@ -29,7 +29,7 @@ use crate::value::{Fit, Lspi, Outcomes, Samples};
 pub const EXPERIMENT: Experiment = Experiment {
     name: "two-rooms-lspi",
     line: "LSPI in two rooms, over the true pose and over slow features, with and without reflexes (figure pi_nf_egypt)",
-    lasts: Sizes { full: "some hours", quick: "15 min", smoke: "seconds" },
+    lasts: Sizes { full: "three quarters of an hour", quick: "15 min", smoke: "seconds" },
     run,
 };
 
