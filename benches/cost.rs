@@ -114,7 +114,7 @@ fn shortest(mut work: impl FnMut()) -> f64 {
 /// Seconds of the local values of so many transitions.
 fn values(transitions: usize) -> (usize, f64) {
     let of_walk = Transitions::of_walk(transitions, COORDINATES);
-    (transitions, shortest(|| drop(of_walk.refit_locally())))
+    (transitions, shortest(|| drop(of_walk.refit_locally(1))))
 }
 
 /// A stream whose dictionary of `m` frames of `d` values is full, and the milliseconds that it takes for a frame.

@@ -26,12 +26,12 @@ fn fit_of_k(bencher: Bencher, size: Size) {
     fit(bencher, size);
 }
 
-/// Local values against the number of transitions, in 40 coordinates.
+/// Local values of ten tasks, as an agent has them that explores for two, against the number of transitions, in 40 coordinates.
 #[divan::bench(args = allowed([5000, 20_000, 50_000].map(|n| Size::of(0).n(n).k(40))), sample_size = 1, sample_count = 5, max_time = 10)]
 fn local_of_n(bencher: Bencher, size: Size) {
     let n = size.n.unwrap_or(20_000);
     let transitions = Transitions::of_walk(n, size.k.unwrap_or(40));
-    bencher.counter(ItemsCount::new(n)).bench_local(|| transitions.refit_locally());
+    bencher.counter(ItemsCount::new(n)).bench_local(|| transitions.refit_locally(10));
 }
 
 fn fit(bencher: Bencher, size: Size) {

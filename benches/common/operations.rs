@@ -198,8 +198,8 @@ impl Transitions {
 const LOCAL: LocalOptions = LocalOptions { neighbours: 16, ridge: 0.1 };
 
 impl Transitions {
-    /// Local values for one task, neighbours included; the features without the constant one are coordinates.
-    pub fn refit_locally(&self) -> Fit {
+    /// Local values for so many tasks, neighbours included; the features without the constant one are coordinates.
+    pub fn refit_locally(&self, tasks: usize) -> Vec<Fit> {
         let mut order: Vec<usize> = (0..self.actions.len()).collect();
         order.sort_by_key(|&t| self.actions[t]);
         let counts = (0..ACTIONS).map(|a| self.actions.iter().filter(|&&action| action == a).count()).collect();
@@ -209,7 +209,7 @@ impl Transitions {
         let rewards: Vec<f64> = order.iter().map(|&t| self.rewards[t]).collect();
         let (allowed, ended) = (vec![7; rewards.len()], vec![false; rewards.len()]);
         let outcomes = LocalOutcomes { rewards: &rewards, allowed: &allowed, ended: &ended, bounded: &ended };
-        local.fit(&outcomes, 0.9).expect("valid outcomes")
+        local.fit_all(&vec![outcomes; tasks], 0.9).expect("valid outcomes")
     }
 }
 

@@ -6,7 +6,7 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
 
 use super::DictionaryError;
-use crate::kernel::products::{for_columns, product, solve_lower, sum_of_squares};
+use crate::kernel::products::{dot, for_columns, product, solve_lower};
 use crate::kernel::{self, Kernel, KernelError, Scalar, squared_norms};
 #[cfg(feature = "snapshot")]
 use crate::snapshot::{Persist, Snapshot, SnapshotError};
@@ -309,7 +309,8 @@ impl<T: Scalar> Dictionary<T> {
             .collect();
         solve_lower(self.factor.as_ref(), coordinates.as_mut(), self.par);
         let whole = self.own_values(x, &norms)?;
-        let mut left: Vec<f64> = (0..b).map(|j| whole[j] - sum_of_squares(coordinates.col_as_slice(j))).collect();
+        let explained = |j: usize| dot(coordinates.col_as_slice(j), coordinates.col_as_slice(j));
+        let mut left: Vec<f64> = (0..b).map(|j| whole[j] - explained(j)).collect();
         if let Some(bad) = left.iter().position(|residual| !residual.is_finite()) {
             // Finite observations whose kernel values are beyond the range of f64.
             return Err(DictionaryError::NotFinite(bad));

@@ -139,12 +139,14 @@ fn solve_columns(l: MatRef<'_, f64>, x: MatMut<'_, f64>, par: Par) {
     join(par, |par| solve_columns(l, left, par), |par| solve_columns(l, right, par));
 }
 
-pub(crate) fn sum_of_squares(values: &[f64]) -> f64 {
+/// `Σ a_i b_i` of lists of one length.
+#[inline]
+pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
     const LANES: usize = 8;
     let mut sums = [0.0; LANES];
-    let (whole, rest) = values.as_chunks::<LANES>();
-    whole.iter().for_each(|chunk| sums.iter_mut().zip(chunk).for_each(|(sum, value)| *sum += value * value));
-    sums.iter().sum::<f64>() + rest.iter().map(|value| value * value).sum::<f64>()
+    let ((a, rest_a), (b, rest_b)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());
+    a.iter().zip(b).for_each(|(a, b)| (0..LANES).for_each(|lane| sums[lane] += a[lane] * b[lane]));
+    sums.iter().sum::<f64>() + rest_a.iter().zip(rest_b).map(|(a, b)| a * b).sum::<f64>()
 }
 
 #[cfg(all(test, feature = "rayon"))]

@@ -7,7 +7,7 @@ use super::linear::{LinearSfa, solve_all};
 use super::links::{Link, check_links};
 use super::moments::Moments;
 use super::solve::SlowFeatures;
-use crate::kernel::products::sum_of_squares;
+use crate::kernel::products::dot;
 #[cfg(feature = "snapshot")]
 use crate::snapshot::{Persist, Snapshot, SnapshotError};
 
@@ -115,8 +115,8 @@ impl LinearStream {
         // What is in the sums once stays there: a square that is not finite would spoil all that comes.
         let (mut squares, mut squared_rates) = (0.0, 0.0);
         walk(x, &links, &origin, &mut last.clone(), |frame, rate| {
-            squares += sum_of_squares(frame);
-            squared_rates += rate.map_or(0.0, |(rate, _)| sum_of_squares(rate));
+            squares += dot(frame, frame);
+            squared_rates += rate.map_or(0.0, |(rate, _)| dot(rate, rate));
             Ok(())
         })?;
         if !squares.is_finite() {

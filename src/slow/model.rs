@@ -148,11 +148,20 @@ impl<T: Scalar> SlowModel<T> {
     /// # Errors
     /// Rows of another number of support vectors.
     pub fn apply_to_rows(&self, rows: MatRef<'_, f64>, par: Par) -> Result<Mat<f64>, SlowError> {
+        self.slowest_of_rows(rows, self.offset.len(), par)
+    }
+
+    /// The constant and the `k` slowest features, or as many as there are.
+    ///
+    /// # Errors
+    /// Those of [`apply_to_rows`](SlowModel::apply_to_rows).
+    pub fn slowest_of_rows(&self, rows: MatRef<'_, f64>, k: usize, par: Par) -> Result<Mat<f64>, SlowError> {
         self.check()?;
         SlowError::unless_fits("the number of kernel values", rows.nrows(), self.members.ncols())?;
-        let k = self.offset.len();
+        let k = k.min(self.offset.len());
         let mut phi = Mat::from_fn(k + 1, rows.ncols(), |i, _| if i == 0 { 1.0 } else { -self.offset[i - 1] });
-        matmul(phi.as_mut().subrows_mut(1, k), Accum::Add, self.projection.transpose(), rows, 1.0, par);
+        let projection = self.projection.as_ref().subcols(0, k).transpose();
+        matmul(phi.as_mut().subrows_mut(1, k), Accum::Add, projection, rows, 1.0, par);
         Ok(phi)
     }
 }

@@ -26,25 +26,21 @@
 //! Points are `f32`, all else is `f64`. Neighbours are searched by products in single precision, and again in double precision
 //! where its rounding could matter: that takes about ten times as long. Where two coordinates are so wide that few points are near in
 //! them, as those of a place, only these are looked at. All runs on the threads of the process, if there is
-//! the feature `rayon`, and has the same bits on any number of them: each point is computed alone. Only with many hundred
-//! neighbours does the Cholesky factor of a regression follow faer's global setting
-//! ([`fix_parallelism`](crate::random::fix_parallelism)).
+//! the feature `rayon`, and has the same bits on any number of them: each point is computed alone.
 //!
 //! # Reference
 //! Ormoneit & Sen 2002 (kernel-based reinforcement learning: the same with averages in place of regressions); Ernst, Geurts &
 //! Wehenkel 2005 (fitted Q iteration); Atkeson, Moore & Schaal 1997 (locally weighted regression).
 
-use std::array::from_fn;
 use std::cmp::Ordering;
 use std::ops::Range;
 
-use faer::linalg::matmul::matmul;
-use faer::linalg::solvers::Solve;
-use faer::{Accum, ColRef, Mat, MatRef, Par, Side};
+use faer::{Mat, MatRef};
 
 use super::error::{discount, finite_list, finite_matrix, parameter};
+use super::nearest::{Grid, Move, nearest, rounding, widest};
 use super::{Fit, ValueError};
-use crate::kernel::products::map_all;
+use crate::kernel::products::{dot, map_all};
 #[cfg(feature = "snapshot")]
 use crate::snapshot::{Persist, Snapshot, SnapshotError};
 
@@ -52,24 +48,14 @@ use crate::snapshot::{Persist, Snapshot, SnapshotError};
 pub(super) const AT_ONCE: usize = 128;
 /// The least weight of a neighbour, before regression, as a share of the mean.
 const LEAST_WEIGHT: f64 = 1e-3;
-/// Points whose mean is at most this many times as far from the origin, squared, as they are from their mean are searched as they
-/// are: single precision then keeps at least five of its seven digits of their distances.
-const UNMOVED_OFFSET: f64 = 100.0;
-/// Mean squared distances from the mean whose points are searched in their own units: squares of products stay in range.
-const UNMOVED_SQUARES: std::ops::Range<f64> = 1e-12..1e12;
 /// Neighbours found in single precision are trusted where its rounding is at most this share of the squared distance of the last
 /// one; elsewhere they are searched again in double precision.
 const TRUSTED: f64 = 1.0 / 16.0;
-/// Points in a square of a grid, about; how many points tell whether a grid pays: where less than this share of all has to be looked at.
-const GRID_POINTS: f64 = 4.0;
+/// How many points tell whether a grid pays: where less than this share of all has to be looked at.
 const GRID_ASKED: usize = 32;
 const GRID_SHARE: f64 = 1.0 / 8.0;
-/// Squares out of which nothing is told apart.
-const GRID_FAR: f64 = 1e12;
-/// Coordinates, of those that vary most, that tell of most points that they are too far away.
-const WIDE: usize = 4;
-/// Coordinates whose differences are squared side by side.
-const LANES: usize = 8;
+/// Tasks whose values are summed side by side.
+const TASKS: usize = 8;
 /// Share of what follows a transition that its penalty takes at most, where penalties are bounded.
 const PENALTY: f64 = 0.5;
 /// Values have settled when none changes by more than this share of the largest.
@@ -126,184 +112,54 @@ pub struct Instances {
     grid: Option<Vec<Grid>>,
 }
 
-/// Distances come from `‖x‖² − 2xᵀy` in single precision, which loses them where points are far from the origin compared with
-/// their spread, or where squares leave the range of numbers. Such points are searched around their mean, in other units.
-#[derive(Debug, Clone, PartialEq)]
-struct Move {
-    /// Mean of each coordinate.
-    shift: Vec<f64>,
-    /// A power of two.
-    scale: f64,
+/// The transitions that values are estimated from, list by list: their numbers, and how much each counts. The weights of a list sum to 1.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(super) struct Neighbours {
+    /// Where each list ends.
+    ends: Vec<usize>,
+    places: Vec<u32>,
+    weights: Vec<f64>,
 }
 
-impl Move {
-    /// What points need, if they need it.
-    fn of(points: MatRef<'_, f32>) -> Option<Self> {
-        let n = points.ncols() as f64;
-        let mean = |i: usize| (0..points.ncols()).map(|j| f64::from(points[(i, j)])).sum::<f64>() / n;
-        let shift: Vec<f64> = (0..points.nrows()).map(mean).collect();
-        let square = |i: usize, j: usize| (f64::from(points[(i, j)]) - shift[i]).powi(2);
-        let spread =
-            (0..points.ncols()).map(|j| (0..points.nrows()).map(|i| square(i, j)).sum::<f64>()).sum::<f64>() / n;
-        let offset = shift.iter().map(|mean| mean * mean).sum::<f64>();
-        let moderate = UNMOVED_SQUARES.contains(&spread) || spread == 0.0;
-        if offset <= UNMOVED_OFFSET * spread && moderate {
-            return None;
+impl Neighbours {
+    /// Number of lists.
+    fn len(&self) -> usize {
+        self.ends.len()
+    }
+
+    fn push(&mut self, list: impl Iterator<Item = (u32, f64)>) {
+        for (place, weight) in list {
+            self.places.push(place);
+            self.weights.push(weight);
         }
-        let scale = if spread > 0.0 { (-0.5 * spread.log2()).round().exp2() } else { 1.0 };
-        Some(Move { shift, scale })
+        self.ends.push(self.places.len());
     }
 
-    fn apply(&self, points: MatRef<'_, f32>) -> Mat<f32> {
-        let moved = |i: usize, j: usize| ((f64::from(points[(i, j)]) - self.shift[i]) * self.scale) as f32;
-        Mat::from_fn(points.nrows(), points.ncols(), moved)
-    }
-}
-
-/// Points of an action by the squares that they lie in, over two coordinates: far apart in these is far apart. Where places are among
-/// the coordinates, next to all points lie too far away to be looked at.
-#[derive(Debug, Clone, PartialEq)]
-struct Grid {
-    /// The coordinates that vary most, of the squares first.
-    axes: Vec<usize>,
-    corner: [f64; 2],
-    side: f64,
-    /// Squares along each axis.
-    squares: [i64; 2],
-    /// Where the points of each square begin in `points`; one more than squares.
-    begins: Vec<u32>,
-    points: Vec<(u32, [f32; WIDE])>,
-}
-
-impl Grid {
-    /// `None` where the points lie on a line or in one place.
-    fn new(points: MatRef<'_, f32>, axes: &[usize], of: Range<usize>) -> Option<Self> {
-        let at = |j: usize| [0, 1].map(|axis| f64::from(points[(axes[axis], j)]));
-        let axes = axes.to_vec();
-        let (mut corner, mut end) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-        for point in of.clone().map(at) {
-            for axis in 0..2 {
-                (corner[axis], end[axis]) = (corner[axis].min(point[axis]), end[axis].max(point[axis]));
-            }
+    /// The lists of several, one after the other.
+    pub fn concat<'n>(parts: impl Iterator<Item = &'n Neighbours>) -> Self {
+        let mut all = Neighbours::default();
+        for part in parts {
+            let before = all.places.len();
+            all.ends.extend(part.ends.iter().map(|end| before + end));
+            all.places.extend(&part.places);
+            all.weights.extend(&part.weights);
         }
-        let n = of.len();
-        if n == 0 {
-            return Some(Grid {
-                axes,
-                corner: [0.0; 2],
-                side: 1.0,
-                squares: [0; 2],
-                begins: vec![0],
-                points: Vec::new(),
-            });
-        }
-        let side = ((end[0] - corner[0]) * (end[1] - corner[1]) * GRID_POINTS / n as f64).sqrt();
-        let mut grid = Grid { axes, corner, side, squares: [0; 2], begins: Vec::new(), points: Vec::new() };
-        grid.squares = grid.square(end).map(|last| last + 1);
-        let count =
-            grid.squares[0].checked_mul(grid.squares[1]).filter(|&count| side > 0.0 && count <= (2 * n) as i64)?;
-        let square = |j: usize| {
-            let [x, y] = grid.square(at(j));
-            (x * grid.squares[1] + y) as usize
-        };
-        let mut sorted: Vec<(usize, u32)> = of.map(|j| (square(j), j as u32)).collect();
-        sorted.sort_unstable();
-        grid.begins = (0..=count as usize).map(|k| sorted.partition_point(|of| of.0 < k) as u32).collect();
-        let wide = |j: u32| grid.wide(points.col(j as usize));
-        grid.points = sorted.into_iter().map(|of| (of.1, wide(of.1))).collect();
-        Some(grid)
+        all
     }
 
-    /// The coordinates of a point that vary most; 0 where there are fewer.
-    fn wide(&self, point: ColRef<'_, f32>) -> [f32; WIDE] {
-        from_fn(|i| self.axes.get(i).map_or(0.0, |&axis| point[axis]))
+    /// A list; empty of an action that was never tried.
+    #[inline]
+    pub fn of(&self, number: usize) -> impl Iterator<Item = (u32, f64)> {
+        let range = if number == 0 { 0 } else { self.ends[number - 1] }..self.ends[number];
+        self.places[range.clone()].iter().copied().zip(self.weights[range].iter().copied())
     }
 
-    fn square(&self, at: [f64; 2]) -> [i64; 2] {
-        // From so far away all points are equally far.
-        [0, 1].map(|axis| ((at[axis] - self.corner[axis]) / self.side).floor().clamp(-GRID_FAR, GRID_FAR) as i64)
-    }
-
-    /// The `kept` nearest points, the nearest first, and how many were looked at. Squares around the point are searched ring by ring, until
-    /// none farther out can hold a nearer one.
-    fn nearest(&self, points: MatRef<'_, f32>, at: ColRef<'_, f32>, kept: usize) -> (Vec<u32>, usize) {
-        let wide = self.wide(at);
-        let middle = self.square([0, 1].map(|axis| f64::from(wide[axis])));
-        let at: Vec<f32> = at.iter().copied().collect();
-        // A sum of squares in single precision may be less than another of some of them by this share.
-        let slack = 1.0 + (at.len() + WIDE) as f32 * f32::EPSILON;
-        let (mut nearest, mut looked_at) = (Vec::<(f32, u32)>::with_capacity(kept + 1), 0);
-        // How far out the grid begins, and where it ends.
-        let outside = |axis: usize| (-middle[axis]).max(middle[axis] - (self.squares[axis] - 1)).max(0);
-        let farthest = |axis: usize| middle[axis].abs().max((self.squares[axis] - 1 - middle[axis]).abs());
-        for ring in outside(0).max(outside(1))..=farthest(0).max(farthest(1)) {
-            let worst = if nearest.len() == kept { nearest[kept - 1].0 } else { f32::INFINITY };
-            if f64::from(worst) <= ((ring - 1).max(0) as f64 * self.side).powi(2) {
-                break;
-            }
-            let [ends_x, ends_y] = middle.map(|at| [at - ring, at + ring]);
-            let within = |axis: usize, [first, end]: [i64; 2]| first.max(0)..=end.min(self.squares[axis] - 1);
-            for x in within(0, ends_x) {
-                let mut look = |y: i64| {
-                    let square = (x * self.squares[1] + y) as usize;
-                    let of = &self.points[self.begins[square] as usize..self.begins[square + 1] as usize];
-                    looked_at += of.len();
-                    for (point, coordinates) in of {
-                        let part = coordinates.iter().zip(wide).map(|(a, b)| (a - b) * (a - b)).sum::<f32>();
-                        if nearest.len() < kept || part <= slack * nearest[kept - 1].0 {
-                            nearer(&mut nearest, kept, (apart(points, *point, &at), *point));
-                        }
-                    }
-                };
-                if ends_x.contains(&x) {
-                    within(1, ends_y).for_each(&mut look);
-                } else {
-                    ends_y.into_iter().filter(|y| (0..self.squares[1]).contains(y)).for_each(&mut look);
-                }
-            }
-        }
-        (nearest.into_iter().map(|of| of.1).collect(), looked_at)
+    /// A value from what the neighbours of a list are worth.
+    #[inline]
+    pub fn estimate(&self, number: usize, worth: &[f64]) -> f64 {
+        self.of(number).map(|(place, weight)| weight * worth[place as usize]).sum()
     }
 }
-
-/// Keep a point if it is among the nearest; of equally near ones the first.
-fn nearer(nearest: &mut Vec<(f32, u32)>, kept: usize, of: (f32, u32)) {
-    if nearest.len() < kept || of < nearest[kept - 1] {
-        let place = nearest.partition_point(|other| *other < of);
-        nearest.insert(place, of);
-        nearest.truncate(kept);
-    }
-}
-
-/// Squared distance of two points, in single precision: of differences, so that nothing is lost.
-pub(super) fn apart(points: MatRef<'_, f32>, point: u32, at: &[f32]) -> f32 {
-    let Some(of) = points.col(point as usize).try_as_col_major() else { return f32::INFINITY };
-    let (of, rest) = of.as_slice().as_chunks::<LANES>();
-    let (at, rest_at) = at.as_chunks::<LANES>();
-    let mut sums = [0.0; LANES];
-    for (a, b) in of.iter().zip(at) {
-        for lane in 0..LANES {
-            sums[lane] += (a[lane] - b[lane]) * (a[lane] - b[lane]);
-        }
-    }
-    sums.iter().sum::<f32>() + rest.iter().zip(rest_at).map(|(a, b)| (a - b) * (a - b)).sum::<f32>()
-}
-
-/// The coordinates that vary most, of two or more.
-fn widest(points: MatRef<'_, f32>) -> Option<Vec<usize>> {
-    let n = points.ncols() as f64;
-    let variance = |i: usize| {
-        let row = || points.row(i).iter().map(|&x| f64::from(x));
-        let mean = row().sum::<f64>() / n;
-        row().map(|x| (x - mean).powi(2)).sum::<f64>()
-    };
-    let mut axes: Vec<(f64, usize)> = (0..points.nrows()).map(|i| (variance(i), i)).collect();
-    axes.sort_by(|a, b| b.0.total_cmp(&a.0));
-    (axes.len() > 1).then(|| axes.into_iter().take(WIDE).map(|of| of.1).collect())
-}
-
-/// The transitions that a value is estimated from: their numbers, and how much each counts. The weights sum to 1.
-pub(super) type Neighbours = Vec<(u32, f64)>;
 
 impl Instances {
     /// Transitions of actions, `counts` of each, from these states.
@@ -379,10 +235,11 @@ impl Instances {
         for start in (0..points.ncols()).step_by(AT_ONCE) {
             let block = points.subcols(start, AT_ONCE.min(points.ncols() - start));
             for a in 0..self.counts.len() {
-                for (j, near) in self.neighbours(a, block).into_iter().enumerate() {
+                let near = self.neighbours(a, block);
+                for j in 0..block.ncols() {
                     for (values, worth) in values.iter_mut().zip(worths) {
                         values[(a, start + j)] =
-                            if self.counts[a] == 0 { f64::NEG_INFINITY } else { estimate(&near, worth) };
+                            if self.counts[a] == 0 { f64::NEG_INFINITY } else { near.estimate(j, worth) };
                     }
                 }
             }
@@ -403,44 +260,37 @@ impl Instances {
         start..start + self.counts[action]
     }
 
-    /// Which transitions of an action tell its value at each point, on this thread.
-    pub(super) fn neighbours(&self, action: usize, points: MatRef<'_, f32>) -> Vec<Neighbours> {
-        let places = self.of_action(action);
-        if places.is_empty() {
-            return vec![Vec::new(); points.ncols()];
-        }
-        if let Some(grid) = self.grid.as_ref().and_then(|grids| grids.get(action)) {
-            let near = |j: usize| {
-                let (nearest, _) = grid.nearest(self.points.as_ref(), points.col(j), self.kept(places.len()));
-                self.regress(nearest, points, j)
-            };
-            return (0..points.ncols()).map(near).collect();
-        }
-        let moved = self.moved.as_ref().map(|(by, _)| by.apply(points));
-        let searched = self.moved.as_ref().map_or(&self.points, |(_, moved)| moved);
-        let of_action = searched.as_ref().subcols(places.start, places.len());
-        let mut products = Mat::zeros(of_action.ncols(), points.ncols());
-        let at = moved.as_ref().map_or(points, |moved| moved.as_ref());
-        matmul(products.as_mut(), Accum::Replace, of_action.transpose(), at, 1.0, Par::Seq);
-        let kept = self.kept(places.len());
-        let norms = &self.norms[places.clone()];
-        let longest = f64::from(norms.iter().copied().fold(0.0, f32::max));
-        let scale = self.moved.as_ref().map_or(1.0, |(by, _)| by.scale);
-        let mut distances = vec![0.0; places.len()];
-        let near = |j: usize| {
-            // Up to the norm of the point itself, which is the same for all.
-            let pairs = norms.iter().zip(products.col_as_slice(j));
-            distances.iter_mut().zip(pairs).for_each(|(to, (norm, product))| *to = norm - 2.0 * product);
-            let mut nearest = least(&distances, kept);
-            let squared = |i: usize| self.squared(places.start + i, points, j);
-            let reach = nearest.iter().map(|&i| squared(i)).fold(0.0, f64::max) * scale * scale;
-            let at = at.col(j).iter().map(|&x| f64::from(x).powi(2)).sum::<f64>();
-            if kept < places.len() && rounding(points.nrows(), longest, at) > TRUSTED * reach {
-                nearest = least(&(0..places.len()).map(squared).collect::<Vec<f64>>(), kept);
+    /// Which transitions of an action tell its value at each point, on this thread; nothing of an action that was never tried.
+    pub(super) fn neighbours(&self, action: usize, points: MatRef<'_, f32>) -> Neighbours {
+        let mut regression = Regression::new(self, points);
+        let of_action = self.of_action(action);
+        let kept = self.kept(of_action.len());
+        if kept == of_action.len() {
+            (0..points.ncols()).for_each(|j| regression.add(j, of_action.clone().map(|place| place as u32)));
+        } else if let Some(grid) = self.grid.as_ref().and_then(|grids| grids.get(action)) {
+            for j in 0..points.ncols() {
+                regression.add(j, grid.nearest(self.points.as_ref(), points.col(j), kept).0.into_iter());
             }
-            self.regress(nearest.into_iter().map(|i| (places.start + i) as u32).collect(), points, j)
-        };
-        (0..points.ncols()).map(near).collect()
+        } else {
+            let moved = self.moved.as_ref().map(|(by, _)| by.apply(points));
+            let searched = self.moved.as_ref().map_or(&self.points, |(_, moved)| moved);
+            let at = moved.as_ref().map_or(points, |moved| moved.as_ref());
+            let norms = &self.norms[of_action.clone()];
+            let longest = f64::from(norms.iter().copied().fold(0.0, f32::max));
+            let scale = self.moved.as_ref().map_or(1.0, |(by, _)| by.scale);
+            let found = nearest(searched.as_ref().subcols(of_action.start, of_action.len()), norms, at, kept);
+            for (j, found) in found.into_iter().enumerate() {
+                let enough = found.len() == kept;
+                let reach =
+                    regression.look(j, found.into_iter().map(|place| of_action.start as u32 + place)) * scale * scale;
+                let at = at.col(j).iter().map(|&x| f64::from(x).powi(2)).sum::<f64>();
+                if !enough || rounding(points.nrows(), longest, at) > TRUSTED * reach {
+                    regression.look(j, of_action.clone().map(|place| place as u32));
+                }
+                regression.solve();
+            }
+        }
+        regression.found
     }
 
     /// One more than needed: the distance of that one is where weights end.
@@ -464,50 +314,111 @@ impl Instances {
         let share = (0..asked).map(looked_at).sum::<usize>() as f64 / (asked * points.ncols()) as f64;
         (share < GRID_SHARE).then_some(grids)
     }
+}
 
-    /// Squared distance of a transition's point to one of `points`.
-    fn squared(&self, place: usize, points: MatRef<'_, f32>, j: usize) -> f64 {
-        let pairs = self.points.col(place).iter().zip(points.col(j).iter());
-        pairs.map(|(&a, &b)| (f64::from(a) - f64::from(b)).powi(2)).sum()
+/// Weights of the nearest transitions in the values at some points: those of a linear regression with ridge on its slopes.
+///
+/// With differences `D` to the point and weights `u` by distance, the intercept that minimises
+/// `Σ u_i (q_i − c − bᵀD_i)² + ρ‖b‖²` is `c = 1ᵀG⁻¹q / 1ᵀG⁻¹1` with `G = DᵀD/ρ + diag(u)⁻¹`.
+struct Regression<'a> {
+    instances: &'a Instances,
+    at: MatRef<'a, f32>,
+    /// Squared distance of each transition that was looked at, its number, and its place in the differences.
+    near: Vec<(f64, u32, usize)>,
+    /// Their differences to the point, `p` after `p`.
+    differences: Vec<f64>,
+    /// The lower triangle of `G`, by rows; then of its factor.
+    gram: Vec<f64>,
+    weights: Vec<f64>,
+    found: Neighbours,
+}
+
+impl<'a> Regression<'a> {
+    fn new(instances: &'a Instances, at: MatRef<'a, f32>) -> Self {
+        let (near, differences, gram, weights) = Default::default();
+        Regression { instances, at, near, differences, gram, weights, found: Neighbours::default() }
     }
 
-    /// Weights of the nearest transitions in the value at a point: those of a linear regression with ridge on its slopes.
-    ///
-    /// With differences `D` to the point and weights `u` by distance, the intercept that minimises
-    /// `Σ u_i (q_i − c − bᵀD_i)² + ρ‖b‖²` is `c = 1ᵀG⁻¹q / 1ᵀG⁻¹1` with `G = DᵀD/ρ + diag(u)⁻¹`.
-    fn regress(&self, nearest: Vec<u32>, points: MatRef<'_, f32>, j: usize) -> Neighbours {
-        let difference = |i: usize, place: u32| f64::from(self.points[(i, place as usize)]) - f64::from(points[(i, j)]);
-        let squared = |place: u32| (self.squared(place as usize, points, j), place);
-        let mut near: Vec<(f64, u32)> = nearest.into_iter().map(squared).collect();
-        near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        let farthest = near.last().map_or(0.0, |&(distance, _)| distance);
-        let reach = if near.len() > self.options.neighbours { farthest } else { 2.0 * farthest };
-        near.truncate(self.options.neighbours);
-        let k = near.len();
-        let mean = near.iter().map(|&(distance, _)| distance).sum::<f64>() / k as f64;
-        if k == 1 || mean == 0.0 {
-            return near.iter().map(|&(_, place)| (place, 1.0 / k as f64)).collect();
+    /// Look at some transitions from a point; the largest squared distance.
+    fn look(&mut self, j: usize, places: impl Iterator<Item = u32>) -> f64 {
+        self.near.clear();
+        self.differences.clear();
+        let p = self.at.nrows();
+        for (number, place) in places.enumerate() {
+            let pairs = self.instances.points.col(place as usize).iter().zip(self.at.col(j).iter());
+            self.differences.extend(pairs.map(|(&of, &at)| f64::from(of) - f64::from(at)));
+            let difference = &self.differences[p * number..];
+            self.near.push((dot(difference, difference), place, number));
         }
-        let by_distance: Vec<f64> = near.iter().map(|&(distance, _)| (1.0 - distance / reach).max(0.0)).collect();
-        let mean_weight = (by_distance.iter().sum::<f64>() / k as f64).max(f64::MIN_POSITIVE);
-        let differences = Mat::from_fn(points.nrows(), k, |i, c| difference(i, near[c].1));
-        let mut gram = differences.transpose() * &differences;
-        let slopes = 1.0 / (self.options.ridge * mean);
-        for c in 0..k {
-            for r in 0..k {
-                gram[(r, c)] *= slopes;
+        self.near.iter().map(|near| near.0).fold(0.0, f64::max)
+    }
+
+    fn add(&mut self, j: usize, places: impl Iterator<Item = u32>) {
+        self.look(j, places);
+        self.solve();
+    }
+
+    /// The weights of the nearest of those that were looked at are the next list.
+    fn solve(&mut self) {
+        let (p, options) = (self.at.nrows(), &self.instances.options);
+        self.near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        // Weights end at the first one that does not count.
+        let last = self.near.get(options.neighbours).or(self.near.last()).map_or(0.0, |near| near.0);
+        let reach = if self.near.len() > options.neighbours { last } else { 2.0 * last };
+        self.near.truncate(options.neighbours);
+        let k = self.near.len();
+        let mean = self.near.iter().map(|near| near.0).sum::<f64>() / k as f64;
+        self.weights.clear();
+        self.weights.resize(k, 1.0);
+        if k > 1 && mean > 0.0 {
+            let by_distance = |near: &(f64, u32, usize)| (1.0 - near.0 / reach).max(0.0);
+            let mean_weight = (self.near.iter().map(by_distance).sum::<f64>() / k as f64).max(f64::MIN_POSITIVE);
+            let slopes = 1.0 / (options.ridge * mean);
+            let difference = |near: &(f64, u32, usize)| &self.differences[p * near.2..][..p];
+            self.gram.clear();
+            for (r, row) in self.near.iter().enumerate() {
+                self.gram
+                    .extend(self.near[..=r].iter().map(|column| slopes * dot(difference(row), difference(column))));
+                self.gram[r * (r + 3) / 2] += 1.0 / (by_distance(row) / mean_weight).max(LEAST_WEIGHT);
             }
-            gram[(c, c)] += 1.0 / (by_distance[c] / mean_weight).max(LEAST_WEIGHT);
+            if !solve_positive(&mut self.gram, &mut self.weights) {
+                // It is positive definite unless numbers overflow: then a mean.
+                self.weights.fill(1.0);
+            }
         }
-        let ones = Mat::from_fn(k, 1, |_, _| 1.0);
-        let weights = match gram.llt(Side::Lower) {
-            Ok(factor) => factor.solve(&ones),
-            // It is positive definite unless numbers overflow: then a mean.
-            Err(_) => ones,
-        };
-        let sum: f64 = (0..k).map(|c| weights[(c, 0)]).sum();
-        (0..k).map(|c| (near[c].1, weights[(c, 0)] / sum)).collect()
+        let sum: f64 = self.weights.iter().sum();
+        self.found.push(self.near.iter().zip(&self.weights).map(|(near, weight)| (near.1, weight / sum)));
     }
+}
+
+/// Replace `x` by `G⁻¹x` for a positive definite `G`, of which the rows of the lower triangle stand one after the other and become those
+/// of its Cholesky factor. False, and anything in `x`, if it is not positive definite. For the few rows here a library's calls take longer than the work.
+fn solve_positive(g: &mut [f64], x: &mut [f64]) -> bool {
+    let k = x.len();
+    let row = |r: usize| r * (r + 1) / 2;
+    for r in 0..k {
+        let (above, rest) = g.split_at_mut(row(r));
+        let this = &mut rest[..=r];
+        for c in 0..r {
+            let column = &above[row(c)..][..=c];
+            let (before, value) = this[..=c].split_at_mut(c);
+            value[0] = (value[0] - dot(before, &column[..c])) / column[c];
+        }
+        let (before, pivot) = this.split_at_mut(r);
+        let square = pivot[0] - dot(before, before);
+        if !(square > 0.0 && square.is_finite()) {
+            return false;
+        }
+        pivot[0] = square.sqrt();
+        x[r] = (x[r] - dot(before, &x[..r])) / pivot[0];
+    }
+    for r in (0..k).rev() {
+        let (before, pivot) = g[row(r)..][..=r].split_at(r);
+        x[r] /= pivot[0];
+        let value = x[r];
+        x[..r].iter_mut().zip(before).for_each(|(x, g)| *x -= g * value);
+    }
+    true
 }
 
 /// Restored into any other.
@@ -524,41 +435,6 @@ impl Persist for Instances {
             Err(cause) => return snapshot.check("points", false, &cause.to_string()),
         }
         Ok(())
-    }
-}
-
-/// The places of the `kept` ≥ 1 least numbers, the least first; of equal ones the first ones.
-fn least<T: PartialOrd + Copy>(numbers: &[T], kept: usize) -> Vec<usize> {
-    /// Numbers that are compared at once, on vectors.
-    const BLOCK: usize = 32;
-    let mut least: Vec<(T, usize)> = Vec::with_capacity(kept + 1);
-    for (block, start) in numbers.chunks(BLOCK).zip((0..).step_by(BLOCK)) {
-        // Few of all come in, so that this takes less than the products.
-        if let Some(&(most, _)) = least.get(kept - 1)
-            && !block.iter().fold(false, |any, &number| any | (number < most))
-        {
-            continue;
-        }
-        for (i, &number) in block.iter().enumerate() {
-            if least.len() < kept || number < least[kept - 1].0 {
-                let place = least.partition_point(|&(less, _)| less <= number);
-                least.insert(place, (number, start + i));
-                least.truncate(kept);
-            }
-        }
-    }
-    least.into_iter().map(|(_, i)| i).collect()
-}
-
-/// By how much `‖x‖² − 2xᵀy` in single precision may miss, for `p` coordinates and squared norms up to these; infinite where it
-/// may overflow.
-fn rounding(p: usize, x: f64, y: f64) -> f64 {
-    let size = x + 2.0 * (x * y).sqrt();
-    let underflow = p as f64 * f64::from(f32::MIN_POSITIVE);
-    if size < f64::from(f32::MAX) {
-        (p + 4) as f64 * 0.5 * f64::from(f32::EPSILON) * size + underflow
-    } else {
-        f64::INFINITY
     }
 }
 
@@ -587,11 +463,6 @@ fn distinct_columns(points: MatRef<'_, f32>) -> (Vec<usize>, Vec<u32>) {
     (distinct, numbers)
 }
 
-/// A value from what its neighbours are worth.
-pub(super) fn estimate(near: &[(u32, f64)], worth: &[f64]) -> f64 {
-    near.iter().map(|&(place, weight)| weight * worth[place as usize]).sum()
-}
-
 pub(super) fn finite_points(what: &'static str, points: MatRef<'_, f32>) -> Result<(), ValueError> {
     if points.is_all_finite() {
         return Ok(());
@@ -603,6 +474,20 @@ pub(super) fn finite_points(what: &'static str, points: MatRef<'_, f32>) -> Resu
 pub(super) fn worth_of(reward: f64, next: f64, bounded: bool) -> f64 {
     let worth = reward + next;
     if bounded && next > 0.0 { worth.max((1.0 - PENALTY) * next) } else { worth }
+}
+
+/// Values of all actions at each end, for some tasks; −∞ of actions that were never tried.
+struct EndValues {
+    values: Vec<f64>,
+    actions: usize,
+    tasks: usize,
+}
+
+impl EndValues {
+    #[inline]
+    fn of(&self, end: u32, action: usize, task: usize) -> f64 {
+        self.values[(end as usize * self.actions + action) * self.tasks + task]
+    }
 }
 
 /// What came of each transition, for one task; in the order of [`Instances`].
@@ -626,8 +511,8 @@ pub struct Local<'a> {
     instances: &'a Instances,
     /// Number of each transition's end. Several transitions may end in one state.
     ends: Vec<u32>,
-    /// For each end and action which transitions tell the action's value there.
-    after: Vec<Vec<Neighbours>>,
+    /// For each action which transitions tell its value at each end.
+    after: Vec<Neighbours>,
 }
 
 impl<'a> Local<'a> {
@@ -645,13 +530,11 @@ impl<'a> Local<'a> {
         let of_block = |number: usize| {
             let places = &distinct[number * AT_ONCE..distinct.len().min((number + 1) * AT_ONCE)];
             let block = Mat::from_fn(ends.nrows(), places.len(), |i, j| ends[(i, places[j])]);
-            let mut of_action: Vec<_> =
-                (0..instances.counts.len()).map(|a| instances.neighbours(a, block.as_ref()).into_iter()).collect();
-            let next = |_| of_action.iter_mut().map(|near| near.next().unwrap_or_default()).collect();
-            (0..block.ncols()).map(next).collect::<Vec<Vec<Neighbours>>>()
+            (0..instances.counts.len()).map(|a| instances.neighbours(a, block.as_ref())).collect::<Vec<Neighbours>>()
         };
         let blocks = map_all(distinct.len().div_ceil(AT_ONCE), of_block);
-        Ok(Local { instances, ends: numbers, after: blocks.into_iter().flatten().collect() })
+        let of_action = |a: usize| Neighbours::concat(blocks.iter().map(|block| &block[a]));
+        Ok(Local { instances, ends: numbers, after: (0..instances.counts.len()).map(of_action).collect() })
     }
 
     /// What each transition is worth, for one task, as the one column of [`Fit::weights`]: for [`Instances::action_values`].
@@ -664,39 +547,69 @@ impl<'a> Local<'a> {
     /// Lists of other lengths than there are transitions, one after which nothing may follow, more than 32 actions, rewards that
     /// are not finite or make values above 1e300, γ outside [0, 1).
     pub fn fit(&self, outcomes: &LocalOutcomes<'_>, gamma: f64) -> Result<Fit, ValueError> {
+        Ok(self.fit_all(std::slice::from_ref(outcomes), gamma)?.remove(0))
+    }
+
+    /// The same for several tasks, in less time than for one after the other: neighbours are looked up once for all.
+    ///
+    /// # Errors
+    /// Those of [`Local::fit`].
+    pub fn fit_all(&self, tasks: &[LocalOutcomes<'_>], gamma: f64) -> Result<Vec<Fit>, ValueError> {
         discount(gamma)?;
-        self.check(outcomes)?;
-        let (n, actions) = (self.instances.len(), self.instances.counts.len());
-        let (least, most) = outcomes.rewards.iter().fold((0.0f64, 0.0f64), |(l, m), &r| (l.min(r), m.max(r)));
-        let (least, most) = (least / (1.0 - gamma), most / (1.0 - gamma));
-        if most.max(-least) > LARGEST {
-            return Err(ValueError::NotFinite(n));
-        }
-        let mut worth = vec![0.0; n];
-        let untried = (0..actions).filter(|&a| self.instances.counts[a] == 0).collect();
-        let mut fit = Fit { weights: Mat::new(), iterations: 0, converged: false, cycle: None, untried };
+        let (n, actions, count) = (self.instances.len(), self.instances.counts.len(), tasks.len());
+        let range = |outcomes: &LocalOutcomes<'_>| {
+            self.check(outcomes)?;
+            let (least, most) = outcomes.rewards.iter().fold((0.0f64, 0.0f64), |(l, m), &r| (l.min(r), m.max(r)));
+            let (least, most) = (least / (1.0 - gamma), most / (1.0 - gamma));
+            if most.max(-least) > LARGEST { Err(ValueError::NotFinite(n)) } else { Ok((least, most)) }
+        };
+        let ranges = tasks.iter().map(range).collect::<Result<Vec<(f64, f64)>, ValueError>>()?;
+        // Of all tasks for one transition after the other.
+        let mut worth = vec![0.0; n * count];
+        let untried: Vec<usize> = (0..actions).filter(|&a| self.instances.counts[a] == 0).collect();
+        let fit = Fit { weights: Mat::new(), iterations: 0, converged: false, cycle: None, untried };
+        let mut fits = vec![fit; count];
         for sweep in 1..=(SWEEPS / (1.0 - gamma)).min(MOST_SWEEPS).ceil() as usize {
-            let values = self.values(&worth);
-            let of = |i: usize| {
+            if fits.iter().all(|fit| fit.converged) {
+                break;
+            }
+            let values = self.values(&worth, count);
+            let of = |i: usize, task: usize| {
+                let (outcomes, (least, most)) = (&tasks[task], ranges[task]);
+                if fits[task].converged {
+                    return worth[i * count + task];
+                }
                 if outcomes.ended[i] {
                     return outcomes.rewards[i];
                 }
-                let (_, next) = self.best_after(outcomes, i, &values);
-                let next = gamma * next;
+                let next =
+                    gamma * self.best_after(outcomes.allowed[i], |action| values.of(self.ends[i], action, task)).1;
                 worth_of(outcomes.rewards[i], next, outcomes.bounded[i]).clamp(least, most)
             };
-            let new: Vec<f64> = map_all(n, of);
-            let size = new.iter().fold(0.0f64, |size, value| size.max(value.abs()));
-            let change = new.iter().zip(&worth).fold(0.0f64, |change, (new, old)| change.max((new - old).abs()));
+            let of_block = |block: usize| {
+                let transitions = block * AT_ONCE..n.min((block + 1) * AT_ONCE);
+                let mut new = Vec::with_capacity(transitions.len() * count);
+                transitions.for_each(|i| new.extend((0..count).map(|task| of(i, task))));
+                new
+            };
+            let new = map_all(n.div_ceil(AT_ONCE), of_block).concat();
+            let (mut size, mut change) = (vec![0.0f64; count], vec![0.0f64; count]);
+            for (new, old) in new.chunks(count).zip(worth.chunks(count)) {
+                for task in 0..count {
+                    size[task] = size[task].max(new[task].abs());
+                    change[task] = change[task].max((new[task] - old[task]).abs());
+                }
+            }
             worth = new;
-            fit.iterations = sweep;
-            if change <= SETTLED * size {
-                fit.converged = true;
-                break;
+            for (task, fit) in fits.iter_mut().enumerate().filter(|(_, fit)| !fit.converged) {
+                fit.iterations = sweep;
+                fit.converged = change[task] <= SETTLED * size[task];
             }
         }
-        fit.weights = Mat::from_fn(n, 1, |i, _| worth[i]);
-        Ok(fit)
+        for (task, fit) in fits.iter_mut().enumerate() {
+            fit.weights = Mat::from_fn(n, 1, |i, _| worth[i * count + task]);
+        }
+        Ok(fits)
     }
 
     /// The share of transitions after which the greedy policy arrives: it gets a reward above 0, or ends the episode. The others run
@@ -715,9 +628,12 @@ impl<'a> Local<'a> {
             return Err(ValueError::Length { what: "the weights of the fit", found, expected: n });
         }
         let worth: Vec<f64> = fit.weights.col(0).iter().copied().collect();
-        let values = self.values(&worth);
+        let values = self.values(&worth, 1);
         // An action that was tried has a nearest transition.
-        let nearest = |i: usize| self.after[self.ends[i] as usize][self.best_after(outcomes, i, &values).0].first();
+        let nearest = |i: usize| {
+            let best = self.best_after(outcomes.allowed[i], |action| values.of(self.ends[i], action, 0)).0;
+            self.after[best].of(self.ends[i] as usize).next()
+        };
         let next: Vec<usize> = (0..n).map(|i| nearest(i).map_or(i, |near| near.0 as usize)).collect();
         let there = |i: usize| outcomes.ended[i] || outcomes.rewards[i] > 0.0;
         let mut arrives: Vec<Option<bool>> = (0..n).map(|i| there(i).then_some(true)).collect();
@@ -736,30 +652,56 @@ impl<'a> Local<'a> {
         Ok(if going_on.is_empty() { 1.0 } else { arriving as f64 / going_on.len() as f64 })
     }
 
-    /// Values of all actions at each end, `A` for one after the other; −∞ of actions that were never tried.
-    fn values(&self, worth: &[f64]) -> Vec<f64> {
+    /// Values of all actions at each end, from what the transitions are worth for `tasks` tasks.
+    fn values(&self, worth: &[f64], tasks: usize) -> EndValues {
         let actions = self.instances.counts.len();
-        let of_block = |number: usize| {
-            let ends = &self.after[number * AT_ONCE..self.after.len().min((number + 1) * AT_ONCE)];
-            let of = |near: &Neighbours| if near.is_empty() { f64::NEG_INFINITY } else { estimate(near, worth) };
-            let mut values = Vec::with_capacity(ends.len() * actions);
-            values.extend(ends.iter().flatten().map(of));
+        let ends = self.after.first().map_or(0, Neighbours::len);
+        let of_block = |block: usize| {
+            let ends = block * AT_ONCE..ends.min((block + 1) * AT_ONCE);
+            let mut values = vec![0.0; ends.len() * actions * tasks];
+            let mut rows = values.chunks_mut(tasks);
+            for end in ends {
+                for (of, &tried) in self.after.iter().zip(&self.instances.counts) {
+                    let Some(sums) = rows.next() else { continue };
+                    if tried == 0 {
+                        sums.fill(f64::NEG_INFINITY);
+                        continue;
+                    }
+                    let (chunks, last) = sums.as_chunks_mut::<TASKS>();
+                    for (chunk, to) in chunks.iter_mut().enumerate() {
+                        let mut sums = [0.0; TASKS];
+                        for (place, weight) in of.of(end) {
+                            let (worth, _) = worth[place as usize * tasks..][..tasks].as_chunks::<TASKS>();
+                            (0..TASKS).for_each(|task| sums[task] += weight * worth[chunk][task]);
+                        }
+                        *to = sums;
+                    }
+                    for (task, sum) in (tasks - last.len()..tasks).zip(last) {
+                        *sum = of.of(end).map(|(place, weight)| weight * worth[place as usize * tasks + task]).sum();
+                    }
+                }
+            }
             values
         };
-        map_all(self.after.len().div_ceil(AT_ONCE), of_block).concat()
+        EndValues { values: map_all(ends.div_ceil(AT_ONCE), of_block).concat(), actions, tasks }
     }
 
-    /// The best action that may follow a transition, and its value; of actions that were tried, and of all of these where none that
-    /// may follow was.
-    fn best_after(&self, outcomes: &LocalOutcomes<'_>, i: usize, values: &[f64]) -> (usize, f64) {
-        let actions = self.instances.counts.len();
-        let values = &values[self.ends[i] as usize * actions..][..actions];
-        let best = |may: &dyn Fn(usize) -> bool| {
-            let values = values.iter().enumerate().filter(|of| may(of.0));
-            values.fold((0, f64::NEG_INFINITY), |best, of| if *of.1 > best.1 { (of.0, *of.1) } else { best })
+    /// The best of the actions that are allowed, as bits, and its value; of those that were tried, and of all of these where none that
+    /// is allowed was.
+    #[inline]
+    fn best_after(&self, allowed: u32, value: impl Fn(usize) -> f64) -> (usize, f64) {
+        let best = |allowed: u32| {
+            let mut best = (0, f64::NEG_INFINITY);
+            for action in (0..self.instances.counts.len()).filter(|action| allowed & (1 << action) != 0) {
+                let value = value(action);
+                if value > best.1 {
+                    best = (action, value);
+                }
+            }
+            best
         };
-        let found = best(&|b| outcomes.allowed[i] & (1 << b) != 0);
-        if found.1 == f64::NEG_INFINITY { best(&|_| true) } else { found }
+        let found = best(allowed);
+        if found.1 == f64::NEG_INFINITY { best(u32::MAX) } else { found }
     }
 
     fn check(&self, outcomes: &LocalOutcomes<'_>) -> Result<(), ValueError> {
@@ -839,7 +781,7 @@ mod tests {
         }
         // No more points than neighbours; all in one place.
         let few = Instances::new(wide.as_ref().subcols(0, 4).to_owned(), vec![4], options).unwrap();
-        assert_eq!(few.neighbours(0, asked.as_ref())[25].len(), 4);
+        assert_eq!(few.neighbours(0, asked.as_ref()).of(25).count(), 4);
         assert!(Instances::new(Mat::zeros(11, 50), vec![50], options).unwrap().grid.is_none());
     }
 
@@ -872,9 +814,9 @@ mod tests {
         let local = Local::new(&instances, after.as_ref()).unwrap();
         // Numbered as they are met: 0 to 9 on the way to the left, then 10.
         let ends: Vec<u32> = (0..22).map(|i| after[(0, i)] as u32).collect();
-        assert_eq!((local.ends, local.after.len()), (ends, 11));
-        let near = |x: f32| instances.neighbours(1, Mat::from_fn(1, 1, |_, _| x).as_ref()).remove(0);
-        assert_eq!(local.after[7][1], near(7.0));
+        assert_eq!((local.ends, local.after[1].len()), (ends, 11));
+        let near = instances.neighbours(1, Mat::from_fn(1, 1, |_, _| 7.0).as_ref());
+        assert!(local.after[1].of(7).eq(near.of(0)));
 
         // All coordinates count, and all bits.
         let columns =
@@ -898,6 +840,50 @@ mod tests {
         let ended: Vec<bool> = rewards.iter().map(|&reward| reward > 0.0).collect();
         let fit = local.fit(&outcomes(&ended), 0.9).unwrap();
         assert!((fit.weights[(11 + 5, 0)] - 0.9f64.powi(4)).abs() < 1e-4);
+    }
+
+    #[test]
+    fn tasks_together_have_the_values_that_each_has_alone() {
+        let (points, after, mut counts, _) = corridor();
+        // An action that was never tried, too.
+        counts.push(0);
+        let instances = Instances::new(points, counts, OPTIONS).unwrap();
+        let local = Local::new(&instances, after.as_ref()).unwrap();
+        // Ten goals, some of which end the episode: they settle one after the other.
+        let rewards: Vec<Vec<f64>> =
+            (0..10).map(|goal| (0..22).map(|i| f64::from(u8::from(after[(0, i)] == goal as f32))).collect()).collect();
+        let ended: Vec<Vec<bool>> = rewards
+            .iter()
+            .enumerate()
+            .map(|(goal, rewards)| rewards.iter().map(|&reward| goal % 2 == 0 && reward > 0.0).collect())
+            .collect();
+        let tasks: Vec<LocalOutcomes<'_>> = rewards
+            .iter()
+            .zip(&ended)
+            .map(|(rewards, ended)| LocalOutcomes { rewards, allowed: &[7; 22], ended, bounded: &[false; 22] })
+            .collect();
+        let together = local.fit_all(&tasks, 0.9).unwrap();
+        for (task, fit) in tasks.iter().zip(&together) {
+            let alone = local.fit(task, 0.9).unwrap();
+            assert!(fit.weights == alone.weights && fit.converged);
+            assert_eq!((fit.iterations, &fit.untried), (alone.iterations, &vec![2]));
+        }
+        assert!(together.iter().any(|fit| fit.iterations != together[0].iterations));
+        assert!(local.fit_all(&[], 0.9).unwrap().is_empty());
+    }
+
+    #[test]
+    fn a_factor_solves_what_is_positive_definite_and_refuses_the_rest() {
+        for k in [1, 2, 9, 23] {
+            let g = |r: usize, c: usize| 1.0 / (1.0 + r.abs_diff(c) as f64) + if r == c { 1.0 } else { 0.0 };
+            let mut lower: Vec<f64> = (0..k).flat_map(|r| (0..=r).map(move |c| g(r, c))).collect();
+            let expected: Vec<f64> = (0..k).map(|i| 1.0 + i as f64).collect();
+            let mut x: Vec<f64> = (0..k).map(|r| (0..k).map(|c| g(r, c) * expected[c]).sum()).collect();
+            assert!(solve_positive(&mut lower, &mut x));
+            assert!(x.iter().zip(&expected).all(|(x, expected)| (x - expected).abs() < 1e-12), "{k}: {x:?}");
+        }
+        assert!(!solve_positive(&mut [1.0, 2.0, 1.0], &mut [1.0, 1.0]));
+        assert!(!solve_positive(&mut [f64::INFINITY], &mut [1.0]) && !solve_positive(&mut [f64::NAN], &mut [1.0]));
     }
 
     #[test]

@@ -21,7 +21,7 @@ use faer::linalg::solvers::Solve;
 use faer::{Mat, MatRef, Side, c64};
 
 use super::error::{finite_matrix, parameter};
-use super::local::{AT_ONCE, Neighbours, estimate};
+use super::local::{AT_ONCE, Neighbours};
 use super::{Instances, LocalOptions, ValueError};
 use crate::kernel::products::map_all;
 
@@ -242,9 +242,10 @@ impl Path<'_> {
 
 /// States in two halves that tell each other's values, by their neighbours.
 struct Halves {
-    n: usize,
-    /// For each state, its neighbours in the other half, by their numbers among all states.
-    neighbours: Vec<Neighbours>,
+    /// For each state, its place in the list of its half.
+    places: Vec<usize>,
+    /// The states of each half, and the neighbours of each of them in the other half.
+    halves: [(Vec<usize>, Neighbours); 2],
 }
 
 impl Halves {
@@ -252,27 +253,35 @@ impl Halves {
         let n = points.ncols();
         let of_half = |half: usize| (0..n).filter(|t| t / PIECE % 2 == half).collect::<Vec<usize>>();
         let at = |places: &[usize]| Mat::from_fn(points.nrows(), places.len(), |i, j| points[(i, places[j])]);
-        let mut neighbours = vec![Neighbours::new(); n];
-        for half in 0..2 {
-            let (from, to) = (of_half(half), of_half(1 - half));
+        let mut places = vec![0; n];
+        let half = |half: usize| {
+            let (from, to) = (of_half(1 - half), of_half(half));
             let (instances, asked) = (Instances::new(at(&from), vec![from.len()], options)?, at(&to));
             let of_block = |block: usize| {
                 let start = block * AT_ONCE;
                 instances.neighbours(0, asked.as_ref().subcols(start, AT_ONCE.min(to.len() - start)))
             };
-            let found = map_all(to.len().div_ceil(AT_ONCE), of_block).into_iter().flatten();
-            for (&t, near) in to.iter().zip(found) {
-                neighbours[t] = near.into_iter().map(|(place, weight)| (from[place as usize] as u32, weight)).collect();
-            }
+            let found = map_all(to.len().div_ceil(AT_ONCE), of_block);
+            Ok((to, Neighbours::concat(found.iter())))
+        };
+        let halves = [half(0)?, half(1)?];
+        for (states, _) in &halves {
+            states.iter().enumerate().for_each(|(place, &t)| places[t] = place);
         }
-        Ok(Halves { n, neighbours })
+        Ok(Halves { places, halves })
     }
 
     /// What the neighbours of each state say of its value.
     fn estimates(&self, values: &[c64]) -> Vec<c64> {
-        let (real, imaginary): (Vec<f64>, Vec<f64>) = values.iter().map(|value| (value.re, value.im)).unzip();
-        let of = |t: usize| c64::new(estimate(&self.neighbours[t], &real), estimate(&self.neighbours[t], &imaginary));
-        map_all(self.n, of)
+        // Neighbours are numbered within the other half.
+        let of_half = |half: usize| self.halves[half].0.iter().map(|&t| (values[t].re, values[t].im)).unzip();
+        let of_halves: [(Vec<f64>, Vec<f64>); 2] = [of_half(0), of_half(1)];
+        let of = |t: usize| {
+            let half = t / PIECE % 2;
+            let (neighbours, (real, imaginary)) = (&self.halves[half].1, &of_halves[1 - half]);
+            c64::new(neighbours.estimate(self.places[t], real), neighbours.estimate(self.places[t], imaginary))
+        };
+        map_all(self.places.len(), of)
     }
 }
 

@@ -79,6 +79,7 @@ mod local_batch;
 mod lspi;
 mod lstd;
 mod metric_map;
+mod nearest;
 mod norm;
 pub mod place;
 mod policy;

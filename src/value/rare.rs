@@ -7,6 +7,7 @@ use rand::{Rng, RngExt};
 use super::ValueError;
 use super::local::finite_points;
 use crate::kernel::products::map_all;
+use crate::kernel::{Kernel, squared_norms};
 
 /// States, evenly spaced, that tell how often others like them were met, and of those how many tell the width.
 const ASKED: usize = 2048;
@@ -52,17 +53,20 @@ pub fn rare_places(
     }
     let middle = squares.len() / 2;
     let width = f64::from(*squares.select_nth_unstable_by(middle, f32::total_cmp).1);
+    // Squares of distances that `f32` cannot hold tell nothing.
+    let Ok(kernel) = Kernel::gaussian(width.sqrt()) else { return Ok(Vec::new()) };
+    let norms = [of_asked.as_ref(), points].map(squared_norms);
     let of_block = |block: usize| {
-        let start = block * AT_ONCE;
-        let distances = squared_distances(of_asked.as_ref(), points.subcols(start, AT_ONCE.min(n - start)));
-        let alike = |of: Vec<f32>| of.iter().map(|&squared| (-0.5 * f64::from(squared) / width).exp()).sum::<f64>();
-        distances.into_iter().map(alike).collect::<Vec<f64>>()
+        let (start, count) = (block * AT_ONCE, AT_ONCE.min(n - block * AT_ONCE));
+        let (block, of_block) = (points.subcols(start, count), &norms[1][start..start + count]);
+        let alike = kernel.matrix(of_asked.as_ref(), &norms[0], block, of_block, Par::Seq);
+        let sums = |alike: Mat<f64>| alike.col_iter().map(|alike| alike.iter().sum()).collect::<Vec<f64>>();
+        alike.map_or_else(|_| vec![f64::NAN; count], sums)
     };
     let density = map_all(n.div_ceil(AT_ONCE), of_block).into_iter().flatten();
     let weights: Vec<f64> = density.map(|density| (1.0 + density).powi(-power)).collect();
     let sum = weights.iter().sum::<f64>();
-    // Squares of distances that `f32` cannot hold tell nothing.
-    if !(sum > 0.0 && width.is_finite()) {
+    if sum.is_nan() || sum <= 0.0 {
         return Ok(Vec::new());
     }
     let place = |_| {

@@ -50,6 +50,19 @@ pub struct FitPolicies {
     told: Vec<String>,
 }
 
+/// What came of each transition, for one task; see [`LocalOutcomes`].
+struct CameTo {
+    rewards: Vec<f64>,
+    ended: Vec<bool>,
+    bounded: Vec<bool>,
+}
+
+impl CameTo {
+    fn outcomes<'o>(&'o self, allowed: &'o [u32]) -> LocalOutcomes<'o> {
+        LocalOutcomes { rewards: &self.rewards, allowed, ended: &self.ended, bounded: &self.bounded }
+    }
+}
+
 /// The fits of all tasks; and weights that were fitted as if nothing was to be avoided, where something is.
 type Fits = (Vec<Fit>, Vec<Mat<f64>>);
 
@@ -73,7 +86,11 @@ impl FitPolicies {
         let transitions = request.window.len();
         let fitted = request.model.and_then(|model| {
             let (undone, imagined);
-            let projected = Projection::new(&model, &request.window, &mut self.rows, self.par);
+            let is_linear = self.scenario.value.method == Method::Lspi;
+            // Linear values and maps of what is shown are functions of all features, local values of the slowest ones.
+            let all = is_linear || self.scenario.shows_any();
+            let features = if all { model.features() } else { self.scenario.value.metric_features };
+            let projected = Projection::new(&model, (features, is_linear), &request.window, &mut self.rows, self.par);
             let projected = projected.map_err(|error| error.to_string())?;
             let tried = match self.scenario.value.method {
                 Method::Lspi => None,
@@ -183,20 +200,17 @@ impl FitPolicies {
         let allowed: Vec<u32> = sorted.iter().map(|t| t.allowed).collect();
         let avoided: Vec<f64> = sorted.iter().map(|t| shown.avoided(projected, t)).collect();
         let unavoided: Vec<bool> = avoided.iter().map(|&avoided| avoided == 0.0).collect();
-        let fit = |(number, task): (usize, &Task), heeds: bool| {
-            let outcome = |t: &&TaskTransition| shown.outcome(projected, t, number, task, heeds);
-            let outcomes: Vec<(f64, bool)> = sorted.iter().map(outcome).collect();
-            let rewards: Vec<f64> = outcomes.iter().map(|outcome| outcome.0).collect();
-            let ended: Vec<bool> = outcomes.iter().map(|outcome| task.absorbing && outcome.1).collect();
+        let came_to = |(number, task): (usize, &Task), heeds: bool| {
+            let outcomes = sorted.iter().map(|t| shown.outcome(projected, t, number, task, heeds));
+            let (rewards, there): (Vec<f64>, Vec<bool>) = outcomes.unzip();
+            let ended = there.into_iter().map(|there| task.absorbing && there).collect();
             // What is to be avoided is avoided at any cost.
-            let bounded: Vec<bool> = unavoided.iter().map(|&unavoided| !heeds || unavoided).collect();
-            let outcomes = LocalOutcomes { rewards: &rewards, allowed: &allowed, ended: &ended, bounded: &bounded };
-            local.fit(&outcomes, settings.gamma)
+            let bounded = unavoided.iter().map(|&unavoided| !heeds || unavoided).collect();
+            CameTo { rewards, ended, bounded }
         };
-        let tasks = || self.scenario.tasks.iter().enumerate();
-        let fits: Result<Vec<Fit>, ValueError> = tasks().map(|task| fit(task, true)).collect();
-        let heedless: Result<Vec<Mat<f64>>, ValueError> =
-            self.heedless().map(|task| Ok(fit(task, false)?.weights)).collect();
+        let tasks = self.scenario.tasks.iter().enumerate();
+        let mut all: Vec<CameTo> = tasks.map(|task| came_to(task, true)).collect();
+        all.extend(self.heedless().map(|task| came_to(task, false)));
         let rare = if self.scenario.policy.directed_share > 0.0 { RARE } else { 0 };
         // What is seen differs more from place to place in some rooms than in others: a map that odometry has laid out tells better
         // alone. Other maps are bent, and with one of them alone fewer robots arrived (docs/tried.md).
@@ -210,12 +224,16 @@ impl FitPolicies {
         let on_the_way = |place: Vec<usize>| {
             let (mut rewards, mut ended) = (avoided.clone(), vec![false; sorted.len()]);
             place.into_iter().for_each(|number| (rewards[number], ended[number]) = (1.0, true));
-            let outcomes = LocalOutcomes { rewards: &rewards, allowed: &allowed, ended: &ended, bounded: &unavoided };
-            Ok(local.fit(&outcomes, settings.gamma)?.weights)
+            CameTo { rewards, ended, bounded: unavoided.clone() }
         };
-        let rare = rare.into_iter().map(without_avoided).filter(|place| !place.is_empty());
-        let rare = rare.map(on_the_way).collect::<Result<_, ValueError>>()?;
-        Ok(((fits?, heedless?), rare))
+        all.extend(rare.into_iter().map(without_avoided).filter(|place| !place.is_empty()).map(on_the_way));
+        let outcomes: Vec<LocalOutcomes<'_>> = all.iter().map(|of| of.outcomes(&allowed)).collect();
+        let mut fits = local.fit_all(&outcomes, settings.gamma)?;
+        let mut weights = |from: usize| fits.drain(from..).map(|fit| fit.weights).collect::<Vec<Mat<f64>>>();
+        let heedless = self.heedless().count();
+        let rare = weights(self.scenario.tasks.len() + heedless);
+        let heedless = weights(self.scenario.tasks.len());
+        Ok(((fits, heedless), rare))
     }
 
     /// The tasks whose values are fitted a second time, as if nothing was to be avoided: all where something is.
@@ -604,13 +622,15 @@ struct Projection {
     place: BTreeMap<u64, usize>,
     /// `f × n`.
     phi: Mat<f64>,
-    /// Nearest support vector of each observation.
+    /// Nearest support vector of each observation, where linear values ask for it.
     cell: Vec<usize>,
 }
 
 impl Projection {
+    /// In the constant and so many of the slowest features, and with the cells if these are asked for.
     fn new(
         model: &SlowModel<f32>,
+        (features, cells): (usize, bool),
         window: &[TaskTransition],
         rows: &mut KernelRows,
         par: Par,
@@ -619,15 +639,15 @@ impl Projection {
             window.iter().flat_map(|t| [&t.from, &t.to]).map(|seen| (seen.frame, seen)).collect();
         let place = unique.keys().enumerate().map(|(column, &frame)| (frame, column)).collect();
         let seen: Vec<&Observation> = unique.values().map(|seen| seen.as_ref()).collect();
-        let mut phi = Mat::zeros(model.features(), seen.len());
-        let mut cell = Vec::with_capacity(seen.len());
+        let mut phi = Mat::zeros(1 + features.min(model.features() - 1), seen.len());
+        let mut cell = Vec::new();
         let mut done = 0;
         rows.each(model, seen.chunks(PROJECT_AT_ONCE), par, |rows| {
-            let features = model.apply_to_rows(rows.as_ref(), par)?;
-            phi.as_mut().subcols_mut(done, rows.ncols()).copy_from(&features);
+            let slowest = model.slowest_of_rows(rows.as_ref(), features, par)?;
+            phi.as_mut().subcols_mut(done, rows.ncols()).copy_from(&slowest);
             done += rows.ncols();
             // The nearest support vector is the one with the largest kernel value.
-            cell.extend(rows.col_iter().map(|row| greedy(row.iter().copied())));
+            cell.extend(rows.col_iter().filter(|_| cells).map(|row| greedy(row.iter().copied())));
             Ok(())
         })?;
         Ok(Projection { place, phi, cell })

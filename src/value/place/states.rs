@@ -11,7 +11,8 @@ use super::goals::{GoalPlaces, square};
 use super::{MotionNoise, PlaceMetric, Pose, nearest};
 use crate::value::ValueError;
 use crate::value::error::parameter;
-use crate::value::local::{apart, finite_points};
+use crate::value::local::finite_points;
+use crate::value::nearest::apart;
 
 /// Width of likeness: so many times as far as states are from the third of those that are most like them and were not met beside them.
 const WIDTH: f64 = 1.3;
