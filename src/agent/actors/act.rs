@@ -343,7 +343,12 @@ impl ActLoop<'_> {
             if stop || done {
                 break;
             }
-            let decision = progress.clock.time(|| progress.acting.act.step(&percept));
+            let begin = Instant::now();
+            let decision = progress.acting.act.step(&percept);
+            // An action of a random walk takes no time.
+            if decision.q_values.is_some() {
+                progress.clock.keep(begin.elapsed());
+            }
             if let Some(end) = decision.ended
                 && self.record.pursuit(end, frame, percept.stamp_ns).is_err()
             {

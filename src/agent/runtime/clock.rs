@@ -8,14 +8,14 @@ use serde::Serialize;
 /// Durations of repeated work, milliseconds.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Timing {
-    /// To decide on an action once its percept is there.
+    /// To decide on an action by values, once its percept is there.
     pub act_p50: f64,
-    /// To decide on an action once its percept is there.
+    /// To decide on an action by values, once its percept is there.
     pub act_p99: f64,
-    /// To learn from a frame, and to wait for the solver.
-    pub frame_p50: f64,
-    /// To learn from a frame, and to wait for the solver.
-    pub frame_p99: f64,
+    /// To learn from a frame, and to wait for the solver. Frames are learned in blocks: the last one of a block takes all the time.
+    pub frame_mean: f64,
+    /// To learn from a block, and to wait for the solver.
+    pub frame_max: f64,
     /// To solve slow features.
     pub resolve_p50: f64,
     /// To solve slow features.
@@ -69,6 +69,11 @@ impl Clock {
         }
         self.published = Instant::now();
         Some(self.quantile_ms(0.99))
+    }
+
+    /// The mean, milliseconds; 0 of none.
+    pub fn mean_ms(&self) -> f64 {
+        if self.durations.is_empty() { 0.0 } else { self.durations.mean() / 1000.0 }
     }
 
     /// The longest duration, milliseconds.
