@@ -358,8 +358,9 @@ pub(super) fn run_interleaved(
         timing: Timing {
             act_p50: acted.clock.quantile_ms(0.5),
             act_p99: acted.clock.quantile_ms(0.99),
+            frame_p50: learned.clock.quantile_ms(0.5),
+            frame_p99: learned.clock.quantile_ms(0.99),
             frame_mean: learned.clock.mean_ms(),
-            frame_max: learned.clock.max_ms(),
             resolve_p50: resolve.quantile_ms(0.5),
             resolve_max: resolve.max_ms(),
             refit_p50: refit.quantile_ms(0.5),

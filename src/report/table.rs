@@ -81,11 +81,10 @@ pub fn table(report: &Report) -> String {
     let timing = &report.timing_ms;
     let _ = writeln!(
         text,
-        "\nact {:.2} ms (p99 {:.2}), frame {:.2} ms (max {:.0}), re-solve {:.0} ms (max {:.0}), refit {:.0} ms (max {:.0})",
+        "\nact {:.2} ms (p99 {:.2}), {:.2} ms a frame, re-solve {:.0} ms (max {:.0}), refit {:.0} ms (max {:.0})",
         timing.act_p50,
         timing.act_p99,
         timing.frame_mean,
-        timing.frame_max,
         timing.resolve_p50,
         timing.resolve_max,
         timing.refit_p50,

@@ -30,7 +30,7 @@ fn a_run_leaves_its_folder_and_a_report_with_all_keys() {
         ("dictionary", "support_vectors sigma nu"),
         ("model", "epoch features slowness lambda"),
         ("pose_decode", "position_rmse_m heading_rmse_deg"),
-        ("timing_ms", "act_p50 act_p99 frame_p50 frame_p99 resolve_p50 resolve_max refit_p50 refit_max"),
+        ("timing_ms", "act_p50 act_p99 frame_p50 frame_p99 frame_mean resolve_p50 resolve_max refit_p50 refit_max"),
         ("memory", "peak_rss_bytes"),
         ("log", "files bytes messages"),
     ];

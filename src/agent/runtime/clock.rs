@@ -13,9 +13,11 @@ pub struct Timing {
     /// To decide on an action by values, once its percept is there.
     pub act_p99: f64,
     /// To learn from a frame, and to wait for the solver. Frames are learned in blocks: the last one of a block takes all the time.
+    pub frame_p50: f64,
+    /// To learn from a frame, and to wait for the solver.
+    pub frame_p99: f64,
+    /// To learn from a frame, and to wait for the solver, in the mean.
     pub frame_mean: f64,
-    /// To learn from a block, and to wait for the solver.
-    pub frame_max: f64,
     /// To solve slow features.
     pub resolve_p50: f64,
     /// To solve slow features.
