@@ -151,7 +151,7 @@ impl<T: Scalar> SlowModel<T> {
         self.slowest_of_rows(rows, self.offset.len(), par)
     }
 
-    /// The constant and the `k` slowest features, or as many as there are.
+    /// The constant and the `k` slowest features, or as many as there are, from kernel rows: `m × n` gives `(k + 1) × n`.
     ///
     /// # Errors
     /// Those of [`apply_to_rows`](SlowModel::apply_to_rows).

@@ -262,7 +262,7 @@ impl Halves {
                 instances.neighbours(0, asked.as_ref().subcols(start, AT_ONCE.min(to.len() - start)))
             };
             let found = map_all(to.len().div_ceil(AT_ONCE), of_block);
-            Ok((to, Neighbours::concat(found.iter())))
+            Ok((to, Neighbours::concat(found)))
         };
         let halves = [half(0)?, half(1)?];
         for (states, _) in &halves {

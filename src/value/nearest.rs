@@ -164,6 +164,7 @@ impl Move {
         Some(Move { shift, scale })
     }
 
+    /// Points around the mean, in these units, `p × n`.
     pub fn apply(&self, points: MatRef<'_, f32>) -> Mat<f32> {
         let moved = |i: usize, j: usize| ((f64::from(points[(i, j)]) - self.shift[i]) * self.scale) as f32;
         Mat::from_fn(points.nrows(), points.ncols(), moved)
@@ -234,7 +235,7 @@ impl Grid {
         [0, 1].map(|axis| ((at[axis] - self.corner[axis]) / self.side).floor().clamp(-GRID_FAR, GRID_FAR) as i64)
     }
 
-    /// The `kept` nearest points, the nearest first, and how many were looked at. Squares around the point are searched ring by ring, until
+    /// The `kept` nearest points, in no order, and how many were looked at. Squares around the point are searched ring by ring, until
     /// none farther out can hold a nearer one.
     pub fn nearest(&self, points: MatRef<'_, f32>, at: ColRef<'_, f32>, kept: usize) -> (Vec<u32>, usize) {
         let wide = self.wide(at);

@@ -61,6 +61,7 @@ pub fn rare_places(
         let (block, of_block) = (points.subcols(start, count), &norms[1][start..start + count]);
         let alike = kernel.matrix(of_asked.as_ref(), &norms[0], block, of_block, Par::Seq);
         let sums = |alike: Mat<f64>| alike.col_iter().map(|alike| alike.iter().sum()).collect::<Vec<f64>>();
+        // Shapes fit each other: there is no error.
         alike.map_or_else(|_| vec![f64::NAN; count], sums)
     };
     let density = map_all(n.div_ceil(AT_ONCE), of_block).into_iter().flatten();

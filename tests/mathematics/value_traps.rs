@@ -251,8 +251,8 @@ fn a_batch_of_points_anywhere_gives_the_same_values() {
         (-1.0, 1e307),
     ] {
         let worst = (&known - values(offset, scale)).norm_max();
-        // The largest value is 1. Points are rounded to `f32` elsewhere, and values settle to 10⁻⁶.
-        assert!(worst < 1e-4, "moved by {offset}, times {scale:e}: {worst:e}");
+        // The largest value is 1. Points are rounded to `f32` elsewhere.
+        assert!(worst < 1e-6, "moved by {offset}, times {scale:e}: {worst:e}");
     }
 }
 

@@ -29,7 +29,7 @@ pub struct StatusValues {
     pub pursuits: Tally,
     /// Success of the newest evaluation, mean over tasks.
     pub success: Option<f64>,
-    /// 99th percentile of the time from percept to action, milliseconds.
+    /// 99th percentile of the time from percept to an action that values decide on, milliseconds.
     pub act_p99_ms: f64,
     /// 99th percentile of the time to learn from a frame, milliseconds.
     pub frame_p99_ms: f64,

@@ -59,7 +59,7 @@ pub struct HealthSeen {
     pub frames: u64,
     /// Frames per second.
     pub rate: f64,
-    /// Time from frame to action, 99th percentile, ms.
+    /// Time from frame to an action that values decide on, 99th percentile, ms.
     pub act_ms: f64,
     /// Time of learning from a frame, 99th percentile, ms.
     pub frame_ms: f64,
